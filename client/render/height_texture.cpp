@@ -14,8 +14,8 @@ constexpr GLint kTexels = static_cast<GLint>(HeightTexture::kTiles) * terrain::k
 
 constexpr std::string_view kAccessor = R"(
 uniform isampler2D rasterWindow;
-uniform ivec2 rasterBaseCell, rasterBaseSteps;  // where the window's first sample lies
-uniform ivec2 rasterFirst;                      // and where it is in the texture, which wraps around
+uniform ivec2 rasterBaseCell, rasterBaseSteps, rasterBaseParts;  // where the window's first sample lies
+uniform ivec2 rasterFirst;                                       // and where it is in the texture, which wraps around
 int rasterTexel(ivec2 index, int level) {
   int side = 2048 >> level;
   if (index.x < 0 || index.y < 0 || index.x >= side || index.y >= side) return -2147483647;
@@ -133,11 +133,12 @@ bool HeightTexture::update(const scene::HeightWindow& window, std::size_t most) 
 }
 
 void HeightTexture::bind(const Program& program) const {
-  const lattice::Step x = shape_.originX + base_.i * terrain::kTileSide * shape_.pitch,
-                      z = shape_.originZ + base_.j * terrain::kTileSide * shape_.pitch;
+  const std::int64_t i = base_.i * terrain::kTileSide, j = base_.j * terrain::kTileSide;
+  const lattice::Step x = shape_.x.of(i), z = shape_.z.of(j);
   constexpr lattice::Step kInCell = (lattice::Step{1} << lattice::kCellBits) - 1;
   program.set("rasterBaseCell", lattice::cellOf(x), lattice::cellOf(z));
   program.set("rasterBaseSteps", static_cast<int>(x & kInCell), static_cast<int>(z & kInCell));
+  program.set("rasterBaseParts", shape_.x.partsOf(i), shape_.z.partsOf(j));
   program.set("rasterFirst", static_cast<int>(base_.i & (kTiles - 1)) * terrain::kTileSide,
               static_cast<int>(base_.j & (kTiles - 1)) * terrain::kTileSide);
   program.sample("rasterWindow", 3, texture_.name());

@@ -41,9 +41,8 @@ HeightBounds withEdits(HeightBounds own, const terrain::Raster* edits, lattice::
   if (!edits) return own;
   terrain::RasterShape shape = edits->shape();
   const auto reach = static_cast<lattice::Step>(radius * lattice::kStepsPerMetre);
-  const auto post = [&](lattice::Step v) { return terrain::between(v, 0, shape.pitch).sample; };
-  const std::int64_t x = post(centre.x - reach), z = post(centre.z - reach);
-  const auto range = edits->range(x, z, post(centre.x + reach) - x + 1, post(centre.z + reach) - z + 1);
+  const std::int64_t x = shape.x.at(centre.x - reach).sample, z = shape.z.at(centre.z - reach).sample;
+  const auto range = edits->range(x, z, shape.x.at(centre.x + reach).sample - x + 1, shape.z.at(centre.z + reach).sample - z + 1);
   shape.lowest = range.lowest;
   shape.highest = range.highest;
   const terrain::RasterBounds rise = terrain::boundsOf(shape);

@@ -19,14 +19,13 @@ std::int64_t distance(TileAddress a, TileAddress b) { return std::max(std::abs(a
 
 HeightWindow::HeightWindow(std::string name, std::string source, std::uint32_t seed, const terrain::RasterShape& shape, double reach)
     : name_(std::move(name)), source_(std::move(source)), seed_(seed), shape_(shape) {
-  const double tile = shape.pitch * lattice::kMetresPerStep * kTileSide;
+  const double tile = shape.finest() * lattice::kMetresPerStep * kTileSide;
   tilesFromCentre_ = static_cast<std::int64_t>(std::clamp(std::ceil(reach / tile), 1.0, static_cast<double>(kMostTilesFromCentre)));
   centre_ = tileOf(at_);
 }
 
 TileAddress HeightWindow::tileOf(lattice::Point p) const {
-  return {terrain::between(p.x, shape_.originX, shape_.pitch).sample >> kTileBits,
-          terrain::between(p.z, shape_.originZ, shape_.pitch).sample >> kTileBits};
+  return {shape_.x.at(p.x).sample >> kTileBits, shape_.z.at(p.z).sample >> kTileBits};
 }
 
 void HeightWindow::moveTo(lattice::Point p) {
@@ -96,13 +95,12 @@ void HeightWindow::heights(std::span<const lattice::Step> x, std::span<const lat
     const std::size_t count = std::min<std::size_t>(out.size() - begin, terrain::CubicPlaces::kMost);
     std::bitset<terrain::CubicPlaces::kMost> unknown;
     for (std::size_t k = 0; k < count; ++k) {
-      const terrain::Between bx = terrain::between(x[begin + k], shape_.originX, shape_.pitch),
-                             bz = terrain::between(z[begin + k], shape_.originZ, shape_.pitch);
+      const terrain::Between bx = shape_.x.at(x[begin + k]), bz = shape_.z.at(z[begin + k]);
       const auto samples = around(bx.sample, bz.sample);
       unknown[k] = !samples;
-      if (samples) places.set(k, *samples, bx.steps, bz.steps);
+      if (samples) places.set(k, *samples, bx.steps(), bz.steps());
     }
-    terrain::cubicHeights(places, static_cast<int>(count), shape_.pitch, &out[begin]);
+    terrain::cubicHeights(places, static_cast<int>(count), shape_.x.inverse(), shape_.z.inverse(), &out[begin]);
     for (std::size_t k = 0; k < count; ++k)
       if (unknown[k]) out[begin + k] = std::numeric_limits<float>::quiet_NaN();
   }
@@ -115,15 +113,11 @@ void HeightWindow::tile(TileAddress address, terrain::Tile& out) const {
     out.fill(0);
 }
 
-bool HeightWindow::knows(lattice::Point p) const {
-  return around(terrain::between(p.x, shape_.originX, shape_.pitch).sample, terrain::between(p.z, shape_.originZ, shape_.pitch).sample)
-      .has_value();
-}
+bool HeightWindow::knows(lattice::Point p) const { return around(shape_.x.at(p.x).sample, shape_.z.at(p.z).sample).has_value(); }
 
 // Tiles that are missing bound it; what the cubic needs beyond a tile is two samples.
 double HeightWindow::knownReach() const {
-  const auto sampleX = terrain::between(at_.x, shape_.originX, shape_.pitch).sample,
-             sampleZ = terrain::between(at_.z, shape_.originZ, shape_.pitch).sample;
+  const auto sampleX = shape_.x.at(at_.x).sample, sampleZ = shape_.z.at(at_.z).sample;
   std::int64_t nearest = (tilesFromCentre_ + 1) * kTileSide;
   for (std::int64_t j = -tilesFromCentre_ - 1; j <= tilesFromCentre_ + 1; ++j)
     for (std::int64_t i = -tilesFromCentre_ - 1; i <= tilesFromCentre_ + 1; ++i) {
@@ -134,7 +128,7 @@ double HeightWindow::knownReach() const {
       };
       nearest = std::min(nearest, std::max(gap(sampleX, a.i * kTileSide), gap(sampleZ, a.j * kTileSide)));
     }
-  return static_cast<double>(std::max<std::int64_t>(nearest - 2, 0)) * shape_.pitch * lattice::kMetresPerStep;
+  return static_cast<double>(std::max<std::int64_t>(nearest - 2, 0)) * shape_.finest() * lattice::kMetresPerStep;
 }
 
 }  // namespace ridgecast::scene

@@ -23,7 +23,8 @@ void EditedTerrain::heights(std::span<const lattice::Step> x, std::span<const la
 }
 
 const terrain::RasterShape& Rise::shape() const {
-  static const terrain::RasterShape endless{.pitch = static_cast<std::uint32_t>(kPostSteps), .lowest = -kMostRise, .highest = kMostRise};
+  static const terrain::RasterShape endless{
+      .x = {0, terrain::pitchOf(kPostSteps)}, .z = {0, terrain::pitchOf(kPostSteps)}, .lowest = -kMostRise, .highest = kMostRise};
   return endless;
 }
 

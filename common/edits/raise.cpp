@@ -164,11 +164,12 @@ class Layer::Places {
       }
     if (mayBeWide) replaceWide(places);
     for (std::size_t k = 0; k < found; ++k) {
-      places.beyondX[k] = static_cast<std::int32_t>(x_[whose_[k]] & (kPostSteps - 1));
-      places.beyondZ[k] = static_cast<std::int32_t>(z_[whose_[k]] & (kPostSteps - 1));
+      places.beyondX[k] = static_cast<float>(x_[whose_[k]] & (kPostSteps - 1));
+      places.beyondZ[k] = static_cast<float>(z_[whose_[k]] & (kPostSteps - 1));
     }
+    constexpr float kInverse = 1.0f / kPostSteps;
     std::array<float, kMost> rise;
-    terrain::cubicHeights(places, static_cast<int>(found), kPostSteps, rise.data());
+    terrain::cubicHeights(places, static_cast<int>(found), kInverse, kInverse, rise.data());
     for (std::size_t k = 0; k < found; ++k) {
       float& height = heights[whose_[k]];
       height = rise[k] == 0.0f ? height : height + rise[k];

@@ -20,8 +20,6 @@ namespace glsl {
 #pragma GCC diagnostic pop
 }  // namespace glsl
 
-float inverseOf(std::uint32_t pitch) { return static_cast<float>(1.0 / pitch); }
-
 std::string number(double v) {
   char text[48];
   std::snprintf(text, sizeof text, "%.9g", v);
@@ -33,12 +31,14 @@ std::string number(double v) {
 }  // namespace
 
 bool tileIsValid(const RasterShape& s, TileAddress tile) {
-  const std::int64_t limit = 2 * lattice::kMaxPosition / (std::int64_t{s.pitch} << kTileBits) + 1;
-  return std::abs(tile.i) <= limit && std::abs(tile.j) <= limit;
+  const auto isBeyond = [](const RasterAxis& axis, std::int64_t index) {
+    return std::abs(index) > static_cast<std::int64_t>(2 * lattice::kMaxPosition / (axis.steps() * kTileSide)) + 1;
+  };
+  return !isBeyond(s.x, tile.i) && !isBeyond(s.z, tile.j);
 }
 
-void cubicHeights(const CubicPlaces& places, int count, std::uint32_t pitch, float* out) {
-  variants().back().cubicHeights(places, count, pitch, out);
+void cubicHeights(const CubicPlaces& places, int count, float inverseX, float inverseZ, float* out) {
+  variants().back().cubicHeights(places, count, inverseX, inverseZ, out);
 }
 
 Extent extentOf(const lattice::Step* x, const lattice::Step* z, std::size_t count) { return variants().back().extentOf(x, z, count); }
@@ -61,10 +61,16 @@ std::string rasterSource(const RasterShape& s) {
   char content[24];
   std::snprintf(content, sizeof content, "%016llx", static_cast<unsigned long long>(s.content));
   std::string out = "// A height map of " + std::to_string(s.width) + " x " + std::to_string(s.height) + " samples, from (" +
-                    std::to_string(s.originX) + ", " + std::to_string(s.originZ) + ") steps on; content " + content + ".\n";
-  out += "const int rasterPitch = " + std::to_string(s.pitch) + ";\n";
-  out += "const float rasterPitchMetres = " + number(s.pitch * lattice::kMetresPerStep) + ";\n";
-  out += "const float rasterPitchInverse = " + number(inverseOf(s.pitch)) + ";\n";
+                    std::to_string(s.x.origin) + ", " + std::to_string(s.z.origin) + ") steps on; content " + content + ".\n";
+  const auto pair = [](const char* type, const std::string& x, const std::string& z) {
+    return std::string(type).append("(").append(x).append(", ").append(z).append(");\n");
+  };
+  const auto whole = [](const RasterAxis& axis) { return std::to_string(axis.pitch >> kPitchBits); };
+  const auto parts = [](const RasterAxis& axis) { return std::to_string(axis.pitch & (pitchOf(1) - 1)); };
+  out += "const ivec2 rasterPitch = " + pair("ivec2", whole(s.x), whole(s.z));
+  out += "const ivec2 rasterPitchParts = " + pair("ivec2", parts(s.x), parts(s.z));
+  out += "const float rasterPitchMetres = " + number(s.finest() * lattice::kMetresPerStep) + ";\n";
+  out += "const vec2 rasterPitchInverse = " + pair("vec2", number(s.x.inverse()), number(s.z.inverse()));
   out += "const float rasterLowest = " + number(s.lowest * lattice::kMetresPerStep) + ";\n";
   out += "const float rasterHighest = " + number(s.highest * lattice::kMetresPerStep) + ";\n";
   return out.append(embedded::raster_cubic).append("\n").append(embedded::raster_color).append("\n").append(embedded::raster);

@@ -1,8 +1,11 @@
 // A height map as a terrain. Before this text stand (terrain::rasterSource):
-//   const int rasterPitch              steps between samples
-//   const float rasterPitchMetres, rasterPitchInverse (1 / steps), rasterLowest, rasterHighest (metres)
+//   const ivec2 rasterPitch, rasterPitchParts   steps between samples along x and z, and parts of a step beyond them, 2^-20
+//   const vec2 rasterPitchInverse               1 / steps
+//   const float rasterPitchMetres               of the finer
+//   const float rasterLowest, rasterHighest     metres
 // and before those, from whoever compiles it, the window of samples around the camera that it holds:
-//   ivec2 rasterBaseCell, rasterBaseSteps   where the window's first sample lies: the cell, and steps inside it
+//   ivec2 rasterBaseCell, rasterBaseSteps, rasterBaseParts   where the window's first sample lies: the cell, steps inside it, and parts of
+//                                           a step behind them
 //   int rasterTexel(ivec2 index, int level) the sample `index` from there in steps, in the pyramid's level (each the mean of 2 x 2 of
 //                                           the one before, 0 to 7); below -2^24 where the window does not reach
 // and, if it holds the picture on a draped map, RASTER_DRAPED and
@@ -10,14 +13,34 @@
 
 const float kUnknownHeight = -131072.0f;  // what lies outside the window: so deep that no ray meets it
 
+// Along one axis, on samples `pitch` steps and `parts` parts apart, the first of them `firstParts` parts behind step 0: the sample before
+// `from`, and which part of the way to the next `from` lies beyond it.
+int rasterBefore(int from, int pitch, int parts, int firstParts, float inverse, out float t) {
+  int k = int(float(from) * inverse) + 1;  // or one less, or two: floats are off by less than one
+  uint beyond = uint(firstParts) + uint(k) * uint(parts);
+  for (int n = 0; n < 2; ++n) {
+    if (from - k * pitch - int(beyond >> 20u) >= ((beyond & 1048575u) > 0u ? 1 : 0)) break;
+    --k;
+    beyond -= uint(parts);
+  }
+  float steps = float(from - k * pitch - int(beyond >> 20u)) - float(int(beyond & 1048575u)) * 9.5367431640625e-7f;
+  t = held(steps * inverse);  // held, or drivers merge its constant with those that it is multiplied by next
+  return k;
+}
+
 float rasterSmooth(ivec2 steps, int level) {
-  int size = rasterPitch << level;
-  ivec2 from = steps - ivec2((size - rasterPitch) >> 1);  // a sample of a coarser level stands in the middle of those it was made of
-  if (from.x < size || from.y < size) return kUnknownHeight;
-  ivec2 index = ivec2(int(uint(from.x) / uint(size)), int(uint(from.y) / uint(size)));
-  float inverse = rasterPitchInverse * uintBitsToFloat(uint(127 - level) << 23u);  // / 2^level, exactly
-  // Held, or drivers merge its constant with those that it is multiplied by next.
-  vec2 t = held(vec2(float(from.x - index.x * size) * inverse, float(from.y - index.y * size) * inverse));
+  ivec2 parts = rasterPitchParts << level;  // of a pitch of this level, and its steps
+  ivec2 size = (rasterPitch << level) + (parts >> 20);
+  parts &= 1048575;
+  // A sample of a coarser level stands in the middle of those it was made of.
+  int others = (1 << level) - 1;
+  ivec2 from = steps - ((rasterPitch * others + ((rasterPitchParts * others) >> 20)) >> 1);
+  if (from.x < size.x || from.y < size.y) return kUnknownHeight;
+  vec2 inverse = rasterPitchInverse * uintBitsToFloat(uint(127 - level) << 23u);  // / 2^level, exactly
+  vec2 t;
+  ivec2 index;
+  index.x = rasterBefore(from.x, size.x, parts.x, rasterBaseParts.x, inverse.x, t.x);
+  index.y = rasterBefore(from.y, size.y, parts.y, rasterBaseParts.y, inverse.y, t.y);
   ivec4 row[4];
   ivec4 least = ivec4(0);
   for (int j = 0; j < 4; ++j) {

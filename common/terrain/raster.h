@@ -3,9 +3,9 @@
 // whole steps, so heights between them (bicubic, raster_cubic.glsl) have the same bits on every machine and in any shader without fused
 // multiply-add.
 //
-// Samples are counted along x and z from the map's first, at (originX, originZ); indices may be negative. Renderers hold a window of them,
-// in square tiles.
+// Samples are counted along x and z from the map's first; indices may be negative. Renderers hold a window of them, in square tiles.
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <optional>
@@ -19,20 +19,57 @@
 
 namespace ridgecast::terrain {
 
-inline constexpr std::int32_t kMaxSample = std::int32_t{1} << 23;     // steps, +-: 32,768 m; floats hold their differences
-inline constexpr std::uint32_t kMinPitch = 16, kMaxPitch = 1u << 18;  // steps: 6.25 cm to 1,024 m
+inline constexpr std::int32_t kMaxSample = std::int32_t{1} << 23;  // steps, +-: 32,768 m; floats hold their differences
+// The distance between samples in parts of a step, so that the place of no sample drifts: any file's to 2e-9 m. 6.25 cm to 1,024 m.
+using Pitch = std::uint64_t;
+inline constexpr int kPitchBits = 20;
+constexpr Pitch pitchOf(std::uint32_t steps) { return Pitch{steps} << kPitchBits; }
+inline constexpr double kPartsPerMetre = lattice::kStepsPerMetre * double{pitchOf(1)};
+inline constexpr Pitch kMinPitch = pitchOf(16), kMaxPitch = pitchOf(1u << 18);
 inline constexpr int kTileBits = 7;
 inline constexpr std::int32_t kTileSide = 1 << kTileBits;  // samples
 inline constexpr std::size_t kTileSamples = std::size_t{kTileSide} * kTileSide;
 inline constexpr std::size_t kTileColourBytes = 4 * kTileSamples;
 
+// The sample before a coordinate, and how far beyond it the coordinate lies: 0 to the pitch, and less.
+struct Between {
+  std::int64_t sample = 0;
+  Pitch parts = 0;
+  float steps() const { return static_cast<float>(parts) * 0x1p-20f; }
+};
+
+// Where samples lie along an axis: sample k at origin + k * pitch.
+struct RasterAxis {
+  lattice::Step origin = 0;    // |.| <= lattice::kMaxPosition
+  Pitch pitch = pitchOf(256);  // kMinPitch..kMaxPitch
+
+  double steps() const { return static_cast<double>(pitch) * 0x1p-20; }
+  double metres() const { return steps() * lattice::kMetresPerStep; }
+  float inverse() const { return static_cast<float>(1 / steps()); }
+  Between at(lattice::Step v) const {
+    const Wide from = static_cast<Wide>(v - origin) << kPitchBits, size = pitch;
+    const Wide sample = from >= 0 ? from / size : -((size - 1 - from) / size);
+    return {static_cast<std::int64_t>(sample), static_cast<Pitch>(from - sample * size)};
+  }
+  // The step that a sample lies at or behind.
+  lattice::Step of(std::int64_t sample) const {
+    return origin + static_cast<lattice::Step>((static_cast<Wide>(sample) * pitch) >> kPitchBits);
+  }
+  // And how far behind it, below 2^kPitchBits.
+  int partsOf(std::int64_t sample) const { return static_cast<int>(static_cast<Wide>(sample) * pitch & (pitchOf(1) - 1)); }
+  friend bool operator==(const RasterAxis&, const RasterAxis&) = default;
+
+ private:
+  using Wide = __int128;
+};
+
 struct RasterShape {
-  std::uint32_t pitch = 256;               // steps between samples, kMinPitch..kMaxPitch
-  lattice::Step originX = 0, originZ = 0;  // of the map's first sample, |.| <= lattice::kMaxPosition
-  std::uint32_t width = 0, height = 0;     // samples of the map itself, along x and z, at least 2
-  std::int32_t lowest = 0, highest = 0;    // of all samples with the continuation; within +-kMaxSample, lowest <= highest
-  std::uint64_t content = 0;               // equal for equal samples, continuation and picture on them
-  bool draped = false;                     // a picture lies on it
+  RasterAxis x = {}, z = {};
+  std::uint32_t width = 0, height = 0;   // samples of the map itself, along x and z, at least 2
+  std::int32_t lowest = 0, highest = 0;  // of all samples with the continuation; within +-kMaxSample, lowest <= highest
+  std::uint64_t content = 0;             // equal for equal samples, continuation and picture on them
+  bool draped = false;                   // a picture lies on it
+  double finest() const { return std::min(x.steps(), z.steps()); }
   friend bool operator==(const RasterShape&, const RasterShape&) = default;
 };
 
@@ -72,35 +109,24 @@ class Raster {
   virtual void samples(std::int64_t x, std::int64_t z, std::int32_t columns, std::int32_t rows, std::int32_t* out) const;
 };
 
-// The sample before a coordinate, and the steps from it to the coordinate, 0..pitch - 1.
-struct Between {
-  std::int64_t sample = 0;
-  std::int32_t steps = 0;
-};
-constexpr Between between(lattice::Step v, lattice::Step origin, std::uint32_t pitch) {
-  const lattice::Step from = v - origin, size = pitch;
-  const lattice::Step sample = from >= 0 ? from / size : -((size - 1 - from) / size);
-  return {sample, static_cast<std::int32_t>(from - sample * size)};
-}
-
 // Places between samples, as a structure of arrays.
 struct CubicPlaces {
   static constexpr std::size_t kMost = 64;
-  alignas(64) std::int32_t samples[16][kMost] = {};                   // 4 x 4 around each place, along x first
-  alignas(64) std::int32_t beyondX[kMost] = {}, beyondZ[kMost] = {};  // steps after the second column and row
-  void set(std::size_t place, const std::array<std::int32_t, 16>& around, std::int32_t x, std::int32_t z) {
+  alignas(64) std::int32_t samples[16][kMost] = {};            // 4 x 4 around each place, along x first
+  alignas(64) float beyondX[kMost] = {}, beyondZ[kMost] = {};  // steps after the second column and row
+  void set(std::size_t place, const std::array<std::int32_t, 16>& around, float x, float z) {
     for (std::size_t i = 0; i < around.size(); ++i) samples[i][place] = around[i];
     beyondX[place] = x;
     beyondZ[place] = z;
   }
 };
-// Metres at the first `count` places.
-void cubicHeights(const CubicPlaces& places, int count, std::uint32_t pitch, float* out);
-inline float cubicHeight(const std::array<std::int32_t, 16>& around, std::int32_t x, std::int32_t z, std::uint32_t pitch) {
+// Metres at the first `count` places; with the axes' inverse().
+void cubicHeights(const CubicPlaces& places, int count, float inverseX, float inverseZ, float* out);
+inline float cubicHeight(const std::array<std::int32_t, 16>& around, float x, float z, float inverseX, float inverseZ) {
   CubicPlaces places;
   places.set(0, around, x, z);
   float out = 0;
-  cubicHeights(places, 1, pitch, &out);
+  cubicHeights(places, 1, inverseX, inverseZ, &out);
   return out;
 }
 

@@ -33,13 +33,14 @@ struct Archipelago {
 struct Cubic {
 #include "common/terrain/raster_cubic.glsl"
 
-  __attribute__((flatten, noinline)) void heights(const CubicPlaces& places, int count, float inverse, float* __restrict out) {
+  __attribute__((flatten, noinline)) void heights(const CubicPlaces& places, int count, float inverseX, float inverseZ,
+                                                  float* __restrict out) {
     const auto& s = places.samples;
 #pragma omp simd
     for (int k = 0; k < count; ++k)
       out[k] = rasterCubic(ivec4(s[0][k], s[1][k], s[2][k], s[3][k]), ivec4(s[4][k], s[5][k], s[6][k], s[7][k]),
                            ivec4(s[8][k], s[9][k], s[10][k], s[11][k]), ivec4(s[12][k], s[13][k], s[14][k], s[15][k]),
-                           vec2(static_cast<float>(places.beyondX[k]) * inverse, static_cast<float>(places.beyondZ[k]) * inverse));
+                           vec2(places.beyondX[k] * inverseX, places.beyondZ[k] * inverseZ));
   }
 };
 static_assert(Alpine::kCellBits == lattice::kCellBits);
@@ -58,8 +59,8 @@ void colours(const lattice::Step* x, const lattice::Step* z, const float* height
              std::size_t count, std::uint32_t seed, const float* parameters) {
   kMake(parameters).colours(x, z, height, normal, footprint, out, count, seed);
 }
-void betweenSamples(const CubicPlaces& places, int count, std::uint32_t pitch, float* out) {
-  Cubic().heights(places, count, static_cast<float>(1.0 / pitch), out);
+void betweenSamples(const CubicPlaces& places, int count, float inverseX, float inverseZ, float* out) {
+  Cubic().heights(places, count, inverseX, inverseZ, out);
 }
 
 Extent placesExtent(const lattice::Step* __restrict x, const lattice::Step* __restrict z, std::size_t count) {

@@ -33,7 +33,7 @@ inline constexpr std::size_t kBuiltIns = 3;
 struct Variant {
   std::string_view name;                     // "baseline", "avx2", "avx512"
   std::array<Functions, kBuiltIns> terrain;  // in the order of builtIn()
-  void (*cubicHeights)(const CubicPlaces& places, int count, std::uint32_t pitch, float* out);
+  void (*cubicHeights)(const CubicPlaces& places, int count, float inverseX, float inverseZ, float* out);
   Extent (*extentOf)(const lattice::Step* x, const lattice::Step* z, std::size_t count);
 };
 

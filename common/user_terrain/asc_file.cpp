@@ -88,12 +88,12 @@ class AscFile final : public RasterFile {
     };
     const auto west = middle(kCornerX, kCentreX), south = middle(kCornerY, kCentreY);
     const auto north = south ? std::optional(*south + static_cast<double>(rows - 1) * cell) : std::nullopt;
-    const bool isSmall = cell < terrain::kMinPitch * lattice::kMetresPerStep;
+    const bool isSmall = cell < terrain::kMinPitch / terrain::kPartsPerMetre;
     if (isSmall && west && north && std::abs(*west) <= 180 && std::abs(*south) <= 90 && std::abs(*north) <= 90) {
       header_.degrees = DegreeGrid{*west, *north, cell, cell};
       return {};
     }
-    header_.pitch = cell;
+    header_.pitch = header_.pitchDown = cell;
     if (west && north) {
       header_.easting = west;
       header_.northing = north;

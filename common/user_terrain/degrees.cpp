@@ -116,7 +116,7 @@ Error inDegrees(const std::string& name, const DegreeGrid& grid, std::uint32_t w
           "), say --raster project=local to lay it on the plane that touches its middle, or say --raster pitch=METRES"};
 }
 
-Outcome<OnPlane> onPlane(const std::string& name, const Samples& source, const DegreeGrid& grid, std::optional<std::uint32_t> pitch,
+Outcome<OnPlane> onPlane(const std::string& name, const Samples& source, const DegreeGrid& grid, std::optional<double> pitch,
                          std::uint64_t inMemory, std::uint64_t most) {
   const Place middle = middleOf(grid, source.width(), source.height());
   if (!((source.width() - 1) * grid.stepX <= kWidest && (source.height() - 1) * grid.stepY <= kWidest &&
@@ -124,12 +124,11 @@ Outcome<OnPlane> onPlane(const std::string& name, const Samples& source, const D
     return Error{name + ": a map of more than 10 degrees, or one that reaches a pole, is too curved for one plane: cut it (gdalwarp -te)"};
   const Plane plane(middle);
   const double finest = std::min(grid.stepX * plane.perLongitude(), grid.stepY * plane.perLatitude()) * lattice::kStepsPerMetre;
-  const double step = pitch ? *pitch : std::round(finest);
-  if (!(step >= terrain::kMinPitch && step <= terrain::kMaxPitch))
-    return Error{name + ": its samples are " + text::rounded(step * lattice::kMetresPerStep, 6) +
+  const double metres = pitch ? *pitch : std::round(finest) * lattice::kMetresPerStep, parts = metres * terrain::kPartsPerMetre;
+  if (!(parts >= terrain::kMinPitch && parts <= terrain::kMaxPitch))
+    return Error{name + ": its samples are " + text::rounded(metres, 6) +
                  " m apart; that must be 0.0625 to 1024 m: say --raster pitch=METRES"};
   const Local half = halves(plane, middle, grid, source.width(), source.height());
-  const double metres = step * lattice::kMetresPerStep;
   const auto toSide = [metres](double length) { return static_cast<std::uint64_t>(std::max(0.0, std::floor(length / metres))); };
   const std::uint64_t across = toSide(half.east), down = toSide(half.north), width = 2 * across + 1, height = 2 * down + 1;
   if (width < 3 || height < 3) return Error{name + ": it is too small to be laid on a plane: say a smaller --raster pitch=METRES"};
@@ -144,7 +143,7 @@ Outcome<OnPlane> onPlane(const std::string& name, const Samples& source, const D
     const auto row = made->row(j);
     for (std::uint32_t i = 0; i < made->width(); ++i) row[i] = from.at(plane.from({(i - static_cast<double>(across)) * metres, north}));
   }
-  return OnPlane{std::move(*made), static_cast<std::uint32_t>(step),
+  return OnPlane{std::move(*made), metres,
                  "+proj=ortho +lat_0=" + text::rounded(middle.latitude, 12) + " +lon_0=" + text::rounded(middle.longitude, 12) +
                      " +datum=WGS84 +units=m"};
 }

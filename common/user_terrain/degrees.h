@@ -33,13 +33,13 @@ struct DegreeGrid {
 Error inDegrees(const std::string& name, const DegreeGrid& grid, std::uint32_t width, std::uint32_t height);
 
 struct OnPlane {
-  Samples samples;      // the middle one lies at the map's middle
-  std::uint32_t pitch;  // steps
-  std::string crs;      // for PROJ
+  Samples samples;  // the middle one lies at the map's middle
+  double pitch;     // metres
+  std::string crs;  // for PROJ
 };
 
-// `pitch`: steps between samples; empty: by the file. Error: the map is wider than 10 degrees, reaches a pole, or is too small; no room.
-Outcome<OnPlane> onPlane(const std::string& name, const Samples& source, const DegreeGrid& grid, std::optional<std::uint32_t> pitch,
+// `pitch`: metres between samples; empty: by the file. Error: the map is wider than 10 degrees, reaches a pole, or is too small; no room.
+Outcome<OnPlane> onPlane(const std::string& name, const Samples& source, const DegreeGrid& grid, std::optional<double> pitch,
                          std::uint64_t inMemory, std::uint64_t most);
 
 }  // namespace ridgecast::user_terrain

@@ -22,9 +22,13 @@ using terrain::CubicPlaces;
 constexpr std::uint32_t kParts = 8;  // by default, or the next smaller number that divides the pitch
 constexpr std::uint32_t kSeed = 1;
 
-// 0: none fits.
-std::uint32_t partsOf(const Detail& detail, std::uint32_t pitch) {
-  const auto fits = [pitch](std::uint32_t parts) { return pitch % parts == 0 && pitch / parts >= terrain::kMinPitch; };
+// 0: none fits. A pitch of whole steps is divided into such.
+std::uint32_t partsOf(const Detail& detail, const terrain::RasterShape& shape) {
+  const auto divides = [](terrain::Pitch pitch, std::uint32_t parts) {
+    const bool isWhole = pitch % terrain::pitchOf(1) == 0;
+    return pitch / parts >= terrain::kMinPitch && (!isWhole || pitch % (terrain::pitchOf(1) * parts) == 0);
+  };
+  const auto fits = [&](std::uint32_t parts) { return divides(shape.x.pitch, parts) && divides(shape.z.pitch, parts); };
   if (detail.parts > 0) return fits(detail.parts) ? detail.parts : 0;
   for (std::uint32_t parts = kParts; parts >= 2; --parts)
     if (fits(parts)) return parts;
@@ -56,12 +60,12 @@ class FourRows {
 
 class Refinement {
  public:
-  Refinement(const Samples& map, const terrain::RasterShape& coarse, const terrain::RasterShape& fine, const RasterOptions& options,
-             std::shared_ptr<const terrain::Terrain> terrain)
+  Refinement(const Samples& map, const terrain::RasterShape& coarse, const terrain::RasterShape& fine, std::uint32_t parts,
+             const RasterOptions& options, std::shared_ptr<const terrain::Terrain> terrain)
       : map_(map),
         coarse_(coarse),
         fine_(fine),
-        parts_(coarse.pitch / fine.pitch),
+        parts_(parts),
         edge_(options.edge),
         constant_(static_cast<std::int32_t>(std::llround(options.constant * lattice::kStepsPerMetre))),
         factor_(options.detail->factor),
@@ -74,13 +78,12 @@ class Refinement {
     const std::int64_t cell = z / parts_;
     if (cell != cell_) {
       own_.moveTo(cell, [this](std::int64_t j, std::span<std::int32_t> heights) { rowOfMap(j, heights); });
-      carried_.moveTo(cell, [this](std::int64_t j, std::span<std::int32_t> heights) {
-        heightsAlong(-1, coarse_.pitch, coarse_.originZ + j * coarse_.pitch, heights);
-      });
+      carried_.moveTo(cell,
+                      [this](std::int64_t j, std::span<std::int32_t> heights) { heightsAlong(-1, coarse_.x, coarse_.z.of(j), heights); });
       cell_ = cell;
     }
-    heightsAlong(0, fine_.pitch, fine_.originZ + Step{z} * fine_.pitch, out);
-    const auto beyondZ = static_cast<std::int32_t>(z % parts_ * fine_.pitch);
+    heightsAlong(0, fine_.x, fine_.z.of(z), out);
+    const float beyondZ = beyond(z % parts_, fine_.z);
     std::array<float, CubicPlaces::kMost> own, carried;
     bool fits = true;
     for (std::size_t begin = 0; begin < out.size(); begin += CubicPlaces::kMost) {
@@ -106,20 +109,21 @@ class Refinement {
     }
   }
   // The terrain's, from the map's sample `first` on.
-  void heightsAlong(std::int64_t first, std::uint32_t pitch, Step z, std::span<std::int32_t> heights) {
+  void heightsAlong(std::int64_t first, const terrain::RasterAxis& axis, Step z, std::span<std::int32_t> heights) {
     const auto onLattice = [](Step v) { return std::clamp(v, -lattice::kMaxPosition, lattice::kMaxPosition); };
     x_.resize(heights.size());
-    for (std::size_t k = 0; k < heights.size(); ++k) x_[k] = onLattice(coarse_.originX + first * pitch + static_cast<Step>(k) * pitch);
+    for (std::size_t k = 0; k < heights.size(); ++k) x_[k] = onLattice(axis.of(first + static_cast<std::int64_t>(k)));
     z_.assign(heights.size(), onLattice(z));
     terrain_->heightSteps(x_, z_, heights);
   }
-  void between(const FourRows& rows, std::size_t begin, std::size_t count, std::int32_t beyondZ, float* out) {
+  static float beyond(std::size_t part, const terrain::RasterAxis& fine) { return terrain::Between{0, part * fine.pitch}.steps(); }
+  void between(const FourRows& rows, std::size_t begin, std::size_t count, float beyondZ, float* out) {
     std::array<std::int32_t, 16> around;
     for (std::size_t k = 0; k < count; ++k) {
       rows.around((begin + k) / parts_, around);
-      places_.set(k, around, static_cast<std::int32_t>((begin + k) % parts_ * fine_.pitch), beyondZ);
+      places_.set(k, around, beyond((begin + k) % parts_, fine_.x), beyondZ);
     }
-    terrain::cubicHeights(places_, static_cast<int>(count), coarse_.pitch, out);
+    terrain::cubicHeights(places_, static_cast<int>(count), coarse_.x.inverse(), coarse_.z.inverse(), out);
   }
 
   const Samples& map_;
@@ -140,14 +144,17 @@ class Refinement {
 Outcome<Detailed> withDetail(const std::string& name, const Samples& map, const terrain::RasterShape& shape, const RasterOptions& options,
                              std::uint64_t inMemory, std::uint64_t total) {
   const Detail& detail = *options.detail;
-  const std::uint32_t parts = partsOf(detail, shape.pitch);
+  const std::uint32_t parts = partsOf(detail, shape);
   if (parts == 0)
-    return Error{name + ": its samples are " + std::to_string(shape.pitch) + " steps of 1/256 m apart, which " +
+    return Error{name + ": its samples are " + text::rounded(shape.finest(), 6) + " steps of 1/256 m apart, which " +
                  (detail.parts > 0 ? std::to_string(detail.parts) : "2 to 8") +
                  " parts of at least 16 whole steps do not make up: say another number of parts (detail=" + detail.terrain + ":" +
                  text::rounded(detail.factor, 6) + ":PARTS), or another --raster pitch="};
-  terrain::RasterShape fine = shape;
-  fine.pitch = shape.pitch / parts;
+  terrain::RasterShape fine = shape, coarse = shape;
+  fine.x.pitch /= parts;
+  fine.z.pitch /= parts;
+  coarse.x.pitch = fine.x.pitch * parts;
+  coarse.z.pitch = fine.z.pitch * parts;
   // A map that is repeated has ground between its last column and its first.
   const auto refined = [&](std::uint32_t n) {
     return options.edge == Edge::kRepeat ? std::uint64_t{n} * parts : std::uint64_t{n - 1} * parts + 1;
@@ -164,7 +171,7 @@ Outcome<Detailed> withDetail(const std::string& name, const Samples& map, const 
   if (!samples) return Error{name + ": " + samples.error().message};
   auto terrain = terrain::create(detail.terrain, kSeed);
   if (!terrain) return terrain.error();
-  Refinement refinement(map, shape, fine, options, *terrain);
+  Refinement refinement(map, coarse, fine, parts, options, *terrain);
   for (std::uint32_t z = 0; z < fine.height; ++z)
     if (!refinement.row(z, samples->row(z)))
       return Error{name + ": with detail it has heights beyond 32,768 m: correct --raster scale=, offset= or detail="};

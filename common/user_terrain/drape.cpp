@@ -99,7 +99,7 @@ Outcome<void> judgePlace(const std::string& name, const RasterHeader& picture, c
     return Error{name + ": its pixels are " + text::rounded(*picture.pitch, 6) + " x " + text::rounded(picture.pitchDown, 6) +
                  " m wide; that must be 0.001 m to 1,000 km: correct its pixel size (gdalwarp -tr)"};
   const double west = *map.easting, north = *map.northing, east = west + (map.width - 1) * *map.pitch,
-               south = north - (map.height - 1) * *map.pitch;
+               south = north - (map.height - 1) * map.pitchDown;
   const double left = *picture.easting, top = *picture.northing;
   if (!(left <= east && top >= south && left + (picture.width - 1) * *picture.pitch >= west &&
         top - (picture.height - 1) * picture.pitchDown <= north))
@@ -139,9 +139,9 @@ Outcome<Drape> Drape::read(const std::filesystem::path& path, const RasterHeader
   }
   if (auto pixels = readPixels(**file, out.levels_[0]); !pixels) return pixels.error();
   for (std::size_t level = 1; level < out.levels_.size(); ++level) halve(out.levels_[level - 1], out.levels_[level]);
-  // By the map's samples, so that both lie together where the pitch was rounded to steps, or is another than the file's.
-  out.x_ = {shape.originX, (*map.easting - *header.easting) / *header.pitch, *map.pitch / *header.pitch / shape.pitch};
-  out.z_ = {shape.originZ, (*header.northing - *map.northing) / header.pitchDown, *map.pitch / header.pitchDown / shape.pitch};
+  // By the map's samples, so that both lie together where the pitch is another than the file's.
+  out.x_ = {shape.x.origin, (*map.easting - *header.easting) / *header.pitch, *map.pitch / *header.pitch / shape.x.steps()};
+  out.z_ = {shape.z.origin, (*header.northing - *map.northing) / header.pitchDown, map.pitchDown / header.pitchDown / shape.z.steps()};
   out.content_ = hashOf(out.levels_[0]);
   for (const double v : {out.x_.first, out.z_.first, out.x_.perStep, out.z_.perStep})
     out.content_ = lattice::mix(out.content_ ^ std::bit_cast<std::uint64_t>(v));
@@ -165,12 +165,13 @@ Light Drape::at(Step x, Step z, float footprint) const {
   return out;
 }
 
-std::vector<std::uint8_t> Drape::tile(Step x, Step z, std::uint32_t pitch) const {
+std::vector<std::uint8_t> Drape::tile(const terrain::RasterShape& shape, terrain::TileAddress address) const {
   std::vector<std::uint8_t> out;
   bool isEmpty = true;
-  for (Step j = 0; j < terrain::kTileSide; ++j)
-    for (Step i = 0; i < terrain::kTileSide; ++i) {
-      const Light light = at(x + i * pitch, z + j * pitch, static_cast<float>(pitch * lattice::kMetresPerStep));
+  const auto footprint = static_cast<float>(shape.finest() * lattice::kMetresPerStep);
+  for (std::int64_t j = address.j * terrain::kTileSide; j < (address.j + 1) * terrain::kTileSide; ++j)
+    for (std::int64_t i = address.i * terrain::kTileSide; i < (address.i + 1) * terrain::kTileSide; ++i) {
+      const Light light = at(shape.x.of(i), shape.z.of(j), footprint);
       for (const float c : light.colour) out.push_back(c > 0 ? byteOf(c) : 0);
       out.push_back(static_cast<std::uint8_t>(std::lround(light.alpha * 255)));
       isEmpty = isEmpty && out.back() == 0;

@@ -33,8 +33,8 @@ class Drape {
     float alpha = 0;
   };
   Light at(lattice::Step x, lattice::Step z, float footprint) const;
-  // terrain::Raster::tileColours of samples that begin at (x, z) and are `pitch` steps apart.
-  std::vector<std::uint8_t> tile(lattice::Step x, lattice::Step z, std::uint32_t pitch) const;
+  // terrain::Raster::tileColours.
+  std::vector<std::uint8_t> tile(const terrain::RasterShape& shape, terrain::TileAddress address) const;
 
   std::uint64_t bytes() const;
   std::uint64_t content() const { return content_; }  // equal for equal pictures at the same place

@@ -29,7 +29,8 @@ inline constexpr std::uint64_t kMostUnpacked = 2000;
 struct RasterHeader {
   std::uint32_t width = 0, height = 0;      // samples
   std::optional<double> noData;             // the value of missing samples
-  std::optional<double> pitch;              // metres, if the file states it in a unit that is known
+  std::optional<double> pitch;              // metres from column to column, if the file states it in a unit that is known
+  double pitchDown = 0;                     // and from row to row, if there is a pitch
   std::optional<double> easting, northing;  // of the first sample, metres
   std::uint16_t epsg = 0;                   // of the projected coordinate system; 0: unknown
   std::optional<DegreeGrid> degrees;        // instead of the pitch and the place, if the file is in degrees
@@ -38,7 +39,6 @@ struct RasterHeader {
   std::uint16_t bands = 1;  // red, green, blue and perhaps another, a pixel
   bool hasAlpha = false;    // it is the fourth
   double white = 255;       // the largest value
-  double pitchDown = 0;     // metres from row to row, if there is a pitch, which is from column to column
 };
 
 class RasterFile {

@@ -64,12 +64,11 @@ class RasterTerrain final : public terrain::Terrain, public terrain::Raster {
     for (std::size_t begin = 0; begin < out.size(); begin += terrain::CubicPlaces::kMost) {
       const std::size_t count = std::min<std::size_t>(out.size() - begin, terrain::CubicPlaces::kMost);
       for (std::size_t k = 0; k < count; ++k) {
-        const terrain::Between bx = terrain::between(x[begin + k], shape_.originX, shape_.pitch),
-                               bz = terrain::between(z[begin + k], shape_.originZ, shape_.pitch);
+        const terrain::Between bx = shape_.x.at(x[begin + k]), bz = shape_.z.at(z[begin + k]);
         samples(bx.sample - 1, bz.sample - 1, 4, 4, around.data());
-        places.set(k, around, bx.steps, bz.steps);
+        places.set(k, around, bx.steps(), bz.steps());
       }
-      terrain::cubicHeights(places, static_cast<int>(count), shape_.pitch, &out[begin]);
+      terrain::cubicHeights(places, static_cast<int>(count), shape_.x.inverse(), shape_.z.inverse(), &out[begin]);
     }
   }
 
@@ -77,9 +76,7 @@ class RasterTerrain final : public terrain::Terrain, public terrain::Raster {
     samples(address.i * kTileSide, address.j * kTileSide, kTileSide, kTileSide, out.data());
   }
   std::vector<std::uint8_t> tileColours(terrain::TileAddress address) const override {
-    if (!map_->drape) return {};
-    const Step side = Step{kTileSide} * shape_.pitch;
-    return map_->drape->tile(shape_.originX + address.i * side, shape_.originZ + address.j * side, shape_.pitch);
+    return map_->drape ? map_->drape->tile(shape_, address) : std::vector<std::uint8_t>();
   }
   void samples(std::int64_t x, std::int64_t z, std::int32_t columns, std::int32_t rows, std::int32_t* out) const override {
     const Samples& held = map_->samples;
@@ -176,22 +173,25 @@ Outcome<terrain::RasterShape> shapeOf(const std::string& name, const RasterHeade
   if (header.degrees && options.geographic)
     return Error{name +
                  ": it lies in degrees, so it has no easting and northing: leave --raster place=geo out, or project it (gdalwarp -t_srs)"};
-  const double pitch = std::round(options.pitch.value_or(header.pitch.value_or(1.0)) * lattice::kStepsPerMetre);
-  if (!(pitch >= terrain::kMinPitch && pitch <= terrain::kMaxPitch))
-    return Error{name + ": its samples are " + std::to_string(pitch * lattice::kMetresPerStep) +
-                 " m apart; that must be 0.0625 to 1024 m: say --raster pitch=METRES"};
-  shape.pitch = static_cast<std::uint32_t>(pitch);
+  for (const auto& [axis, metres] :
+       {std::pair(&shape.x, header.pitch.value_or(1.0)), std::pair(&shape.z, header.pitch ? header.pitchDown : 1.0)}) {
+    const double pitch = options.pitch.value_or(metres), parts = std::round(pitch * terrain::kPartsPerMetre);
+    if (!(parts >= terrain::kMinPitch && parts <= terrain::kMaxPitch))
+      return Error{name + ": its samples are " + text::rounded(pitch, 9) +
+                   " m apart; that must be 0.0625 to 1024 m: say --raster pitch=METRES"};
+    axis->pitch = static_cast<terrain::Pitch>(parts);
+  }
   if (options.geographic) {
     if (!header.easting) return Error{name + ": it does not say where it lies: leave --raster place=geo out"};
     const double x = std::round(*header.easting * lattice::kStepsPerMetre), z = std::round(-*header.northing * lattice::kStepsPerMetre);
     constexpr double kMost = static_cast<double>(lattice::kMaxPosition);
     if (!(std::abs(x) <= kMost && std::abs(z) <= kMost))
       return Error{name + ": it says that it lies beyond 4.39e12 m: leave --raster place=geo out"};
-    shape.originX = static_cast<Step>(x);
-    shape.originZ = static_cast<Step>(z);
+    shape.x.origin = static_cast<Step>(x);
+    shape.z.origin = static_cast<Step>(z);
   } else {
-    shape.originX = -static_cast<Step>(header.width / 2) * shape.pitch;
-    shape.originZ = -static_cast<Step>(header.height / 2) * shape.pitch;
+    shape.x.origin = -shape.x.of(header.width / 2);
+    shape.z.origin = -shape.z.of(header.height / 2);
   }
   return shape;
 }
@@ -202,9 +202,8 @@ terrain::RasterOrigin originOf(const RasterHeader& header, const RasterOptions& 
   origin.edge = options.edge == Edge::kConstant ? text::rounded(options.constant, 9) : kEdges.at(static_cast<std::size_t>(options.edge));
   if (header.epsg != 0) origin.crs = "EPSG:" + std::to_string(header.epsg);
   if (header.easting) {
-    const double half = shape.pitch * lattice::kMetresPerStep / 2;
-    origin.easting = *header.easting + (shape.width - 1) * half;
-    origin.northing = *header.northing - (shape.height - 1) * half;
+    origin.easting = *header.easting + (shape.width - 1) * shape.x.metres() / 2;
+    origin.northing = *header.northing - (shape.height - 1) * shape.z.metres() / 2;
   }
   return origin;
 }
@@ -271,15 +270,15 @@ Outcome<std::shared_ptr<const Map>> read(const std::filesystem::path& path, cons
     return finished(name, std::move(*samples), *shape, header, {}, options, limits, all, std::move(drape));
   }
 
-  const auto pitch = options.pitch ? std::optional(shape->pitch) : std::nullopt;
-  auto made = onPlane(name, *samples, *header.degrees, pitch, limits.inMemory - std::min(taken, limits.inMemory), limits.total - taken);
+  auto made =
+      onPlane(name, *samples, *header.degrees, options.pitch, limits.inMemory - std::min(taken, limits.inMemory), limits.total - taken);
   if (!made) return made.error();
   header = RasterHeader();
   header.width = made->samples.width();
   header.height = made->samples.height();
-  header.pitch = made->pitch * lattice::kMetresPerStep;
+  header.pitch = header.pitchDown = made->pitch;
   header.easting = -*header.pitch * (header.width - 1) / 2;  // the plane's middle is its origin
-  header.northing = *header.pitch * (header.height - 1) / 2;
+  header.northing = header.pitchDown * (header.height - 1) / 2;
   shape = shapeOf(name, header, options);
   if (!shape) return shape.error();
   const std::uint64_t all = taken + made->samples.bytes();
@@ -379,10 +378,11 @@ std::string describe(const terrain::Raster& map) {
   const terrain::RasterShape& shape = map.shape();
   const terrain::RasterOrigin origin = map.origin();
   const auto metres = [](double steps) { return text::rounded(steps * lattice::kMetresPerStep, 9); };
-  const auto side = [&](std::uint32_t samples) { return metres(static_cast<double>(samples - 1) * shape.pitch); };
-  std::string out = std::to_string(shape.width) + " x " + std::to_string(shape.height) + " samples, " + metres(shape.pitch) + " m apart (" +
-                    side(shape.width) + " x " + side(shape.height) + " m), " + metres(shape.lowest) + " to " + metres(shape.highest) +
-                    " m high";
+  const auto pitch = [](const terrain::RasterAxis& axis) { return text::rounded(axis.metres(), 8); };
+  const auto side = [](const terrain::RasterAxis& axis, std::uint32_t samples) { return text::rounded((samples - 1) * axis.metres(), 8); };
+  std::string out = std::to_string(shape.width) + " x " + std::to_string(shape.height) + " samples, " + pitch(shape.x) +
+                    (shape.x.pitch == shape.z.pitch ? "" : " x " + pitch(shape.z)) + " m apart (" + side(shape.x, shape.width) + " x " +
+                    side(shape.z, shape.height) + " m), " + metres(shape.lowest) + " to " + metres(shape.highest) + " m high";
   if (!origin.crs.empty()) out += ", " + origin.crs;
   if (origin.easting)
     out += ", middle at easting " + text::rounded(*origin.easting, 12) + ", northing " + text::rounded(*origin.northing, 12);

@@ -342,10 +342,8 @@ class TiffFile final : public RasterFile {
                    "pitch=METRES without place=geo"};
     }
     const double x = (*grid)->across * *unit, y = (*grid)->down * *unit;
-    if (!options.pitch && !(std::abs(x - y) <= 1e-3 * std::abs(x)))
-      return Error{name_ + ": its samples are " + std::to_string(x) + " m apart one way and " + std::to_string(y) +
-                   " m the other: say --raster pitch=METRES"};
     header_.pitch = x;
+    header_.pitchDown = y;
     if (!(*grid)->isPlaced) return {};
     placeAt(**grid, keys, *unit);
     return {};

@@ -58,7 +58,8 @@ inline constexpr auto kOtherVersion = EndsWhere([](const auto& p) { return p.pro
 inline constexpr Valid kLeaf{"a valid address", [](const pb::LeafAddress& a) {
   return a.level() <= std::uint32_t{lattice::kMaxLevel} && lattice::addressIsValid({static_cast<std::int32_t>(a.level()), a.i(), a.j()});
 }};
-inline constexpr std::int64_t kMaxTile = 2 * lattice::kMaxPosition / (std::int64_t{terrain::kMinPitch} << terrain::kTileBits) + 1;
+inline constexpr auto kPitch = Range{terrain::kMinPitch, terrain::kMaxPitch, "parts"};  // of a step, 2^20 of them
+inline constexpr std::int64_t kMaxTile = 2 * lattice::kMaxPosition / (std::int64_t{terrain::kMinPitch >> terrain::kPitchBits} << terrain::kTileBits) + 1;
 inline constexpr auto kTilePlace = Range{-kMaxTile, kMaxTile, "", "on the lattice, or one beyond it"};
 
 // ---- both ways ----
@@ -198,9 +199,10 @@ TABLE(ClientMessage,
 // ---- server to client ----
 
 TABLE(HeightMap,
-    FIELD(pitch, pitch, Range{terrain::kMinPitch, terrain::kMaxPitch, "steps"}),
-    FIELD(origin_x, originX, kPlace),
-    FIELD(origin_z, originZ, kPlace),
+    FIELD(pitch_x, x.pitch, kPitch),
+    FIELD(pitch_z, z.pitch, kPitch),
+    FIELD(origin_x, x.origin, kPlace),
+    FIELD(origin_z, z.origin, kPlace),
     FIELD(width, width, atLeast(2u)),
     FIELD(height, height, atLeast(2u)),
     FIELD(lowest, lowest, within(terrain::kMaxSample, "steps")),

@@ -18,25 +18,24 @@ namespace {
 struct Axis {
   std::int64_t zero;                     // the first post's number
   std::vector<std::size_t> before;       // by sample: the post before it, counted from the first
-  std::vector<std::int32_t> beyond;      // steps from that post to it
+  std::vector<terrain::Pitch> beyond;    // from that post to it
   std::vector<std::size_t> first, last;  // by cell: intervals between posts that it meets, counted as the posts before them
   std::vector<float> from, to;           // in the first, if it is the last
 
-  void place(Step at, Step spacing, std::size_t samples, Step origin, std::uint32_t pitch) {
-    terrain::Between found = terrain::between(at, origin, pitch);
+  void place(Step at, Step spacing, std::size_t samples, const terrain::RasterAxis& map) {
+    terrain::Between found = map.at(at);
     zero = found.sample - 1;
     before.resize(samples);
     beyond.resize(samples);
-    const Step whole = spacing / pitch;
-    const auto rest = static_cast<std::int32_t>(spacing % pitch), full = static_cast<std::int32_t>(pitch);
+    const auto [whole, rest] = terrain::RasterAxis{0, map.pitch}.at(spacing);
     for (std::size_t k = 0; k < samples; ++k) {
       before[k] = static_cast<std::size_t>(found.sample - zero);
-      beyond[k] = found.steps;
-      const bool over = found.steps + rest >= full;
+      beyond[k] = found.parts;
+      const bool over = found.parts + rest >= map.pitch;
       found.sample += whole + over;
-      found.steps += over ? rest - full : rest;
+      found.parts += over ? rest - map.pitch : rest;
     }
-    const auto share = [&](std::int32_t steps) { return static_cast<float>(steps) / static_cast<float>(pitch); };
+    const auto share = [&](terrain::Pitch parts) { return static_cast<float>(parts) / static_cast<float>(map.pitch); };
     first.resize(samples - 1);
     last.resize(samples - 1);
     from.resize(samples - 1);
@@ -144,8 +143,11 @@ RIDGECAST_VECTOR_CLONES void blend(const Axis& axis, const Slacks& bends, std::s
   }
 }
 
-// Off the bilinear surface it is by no more than the sum of both directions.
-void prove(const Axis& x, const Axis& z, const std::vector<std::int32_t>& posts, float scale, Tile& tile) {
+// Off the bilinear surface it is by no more than the sum of both directions. `both`: metres, times the share along each axis.
+struct Scale {
+  float both, x, z;
+};
+void prove(const Axis& x, const Axis& z, const std::vector<std::int32_t>& posts, Scale scale, Tile& tile) {
   const std::size_t columns = x.posts(), rows = z.posts(), cells = x.first.size();
   thread_local std::vector<std::int32_t> turned;
   turned.resize(columns * rows + kLanes);
@@ -162,8 +164,8 @@ void prove(const Axis& x, const Axis& z, const std::vector<std::int32_t>& posts,
   blend(x, bends, columns, cells, between, byRow);
   for (std::size_t j = 0; j < cells; ++j)
     for (std::size_t i = 0; i < cells; ++i)
-      tile.slack[j * cells + i] = {scale * (byColumn.below[i * cells + j] + byRow.below[j * cells + i]),
-                                   scale * (byColumn.above[i * cells + j] + byRow.above[j * cells + i])};
+      tile.slack[j * cells + i] = {scale.both * (scale.x * byColumn.below[i * cells + j] + scale.z * byRow.below[j * cells + i]),
+                                   scale.both * (scale.x * byColumn.above[i * cells + j] + scale.z * byRow.above[j * cells + i])};
 }
 
 // The posts around a tile, which may be a few more than a map gives at a time.
@@ -182,7 +184,7 @@ void fetch(const terrain::Raster& map, const Axis& x, const Axis& z, std::vector
 }
 
 // The heights of a tile, row by row.
-void evaluate(const Axis& x, const Axis& z, const std::vector<std::int32_t>& posts, std::uint32_t pitch, float* out) {
+void evaluate(const Axis& x, const Axis& z, const std::vector<std::int32_t>& posts, const terrain::RasterShape& shape, float* out) {
   constexpr std::size_t kMost = terrain::CubicPlaces::kMost, kRound = 4;
   const std::size_t columns = x.posts(), across = x.before.size(), room = (across + kRound - 1) / kRound * kRound;
   // By row of posts, for each sample the four posts around it: first all first ones, then all second ones.
@@ -194,14 +196,19 @@ void evaluate(const Axis& x, const Axis& z, const std::vector<std::int32_t>& pos
       std::int32_t* const to = &around[(row * 4 + n) * room];
       for (std::size_t k = 0; k < across; ++k) to[k] = from[x.before[k] - 1];
     }
+  const float inverseX = shape.x.inverse(), inverseZ = shape.z.inverse();
   thread_local terrain::CubicPlaces places;
   std::size_t count = 0;  // of them
   const auto flush = [&] {
-    terrain::cubicHeights(places, static_cast<int>(count), pitch, out);
+    terrain::cubicHeights(places, static_cast<int>(count), inverseX, inverseZ, out);
     out += count;
     count = 0;
   };
-  for (std::size_t j = 0; j < across; ++j)
+  thread_local std::vector<float> stepsX;
+  stepsX.clear();
+  for (const terrain::Pitch parts : x.beyond) stepsX.push_back(terrain::Between{0, parts}.steps());
+  for (std::size_t j = 0; j < across; ++j) {
+    const float stepsZ = terrain::Between{0, z.beyond[j]}.steps();
     for (std::size_t begin = 0; begin < across;) {
       if (count + kRound > kMost) flush();
       const std::size_t part = std::min(across - begin, (kMost - count) / kRound * kRound);
@@ -209,13 +216,12 @@ void evaluate(const Axis& x, const Axis& z, const std::vector<std::int32_t>& pos
         const std::int32_t* const from = &around[((z.before[j] - 1) * 4 + n) * room + begin];
         for (std::size_t k = 0; k < part; k += kRound) std::copy_n(from + k, kRound, &places.samples[n][count + k]);
       }
-      for (std::size_t k = 0; k < part; ++k) {
-        places.beyondX[count + k] = x.beyond[begin + k];
-        places.beyondZ[count + k] = z.beyond[j];
-      }
+      std::copy_n(&stepsX[begin], part, &places.beyondX[count]);
+      std::fill_n(&places.beyondZ[count], part, stepsZ);
       count += part;
       begin += part;
     }
+  }
   flush();
 }
 
@@ -227,24 +233,24 @@ void sampleMap(const terrain::Raster& map, const Frame& frame, Tile& tile) {
   const lattice::Point corner = frame.global(tile.corner);
   const auto across = static_cast<std::size_t>(tile.across());
   thread_local Axis x, z;
-  x.place(corner.x, spacing, across, shape.originX, shape.pitch);
-  z.place(corner.z, spacing, across, shape.originZ, shape.pitch);
+  x.place(corner.x, spacing, across, shape.x);
+  z.place(corner.z, spacing, across, shape.z);
   thread_local std::vector<std::int32_t> posts;
   fetch(map, x, z, posts);
-  evaluate(x, z, posts, shape.pitch, tile.height);
+  evaluate(x, z, posts, shape, tile.height);
   if (spacing == 1) return;  // every point of the lattice
-  const double share = static_cast<double>(spacing) / shape.pitch;
-  prove(x, z, posts, static_cast<float>(share * share * lattice::kMetresPerStep), tile);
+  const double share = static_cast<double>(spacing) / shape.finest();
+  const auto square = [&](const terrain::RasterAxis& axis) { return static_cast<float>(std::pow(shape.finest() / axis.steps(), 2)); };
+  prove(x, z, posts, {static_cast<float>(share * share * lattice::kMetresPerStep), square(shape.x), square(shape.z)}, tile);
 }
 
 void addEdits(const terrain::Raster& edits, const Frame& frame, Tile& tile) {
   const terrain::RasterShape& shape = edits.shape();
-  const Step spacing = Step{1} << (tile.bits + frame.unitBits), pitch = shape.pitch;
+  const Step spacing = Step{1} << (tile.bits + frame.unitBits), pitch = shape.x.of(1);
   const lattice::Point corner = frame.global(tile.corner);
   // Of the posts that a square of `side` steps reads, by how much the curve between them may leave one another at most.
   const auto swing = [&](Step x, Step z, Step side) {
-    const std::int64_t a = terrain::between(x, shape.originX, shape.pitch).sample - 1,
-                       b = terrain::between(z, shape.originZ, shape.pitch).sample - 1;
+    const std::int64_t a = shape.x.at(x).sample - 1, b = shape.z.at(z).sample - 1;
     const std::int64_t posts = side / pitch + 4;
     const terrain::Raster::Range range = edits.range(a, b, posts, posts);
     return static_cast<float>(1.575 * (static_cast<double>(range.highest) - range.lowest) * lattice::kMetresPerStep);

@@ -57,7 +57,7 @@ Plan::Plan(const Box& box, const terrain::Terrain& terrain, std::uint32_t mostTr
   // Points lie within 2^25 units of the anchor.
   frame.unitBits = std::clamp(std::ilogb(std::max(width, depth)) - 23, 0, horizontal);
   // What the error or the posts of a map ask for, or what is bearable.
-  const double wanted = map ? map->shape().pitch : std::clamp(box.error * lattice::kStepsPerMetre, kLeastSpacing, kMostSpacing);
+  const double wanted = map ? map->shape().finest() : std::clamp(box.error * lattice::kStepsPerMetre, kLeastSpacing, kMostSpacing);
   const double bearable = std::sqrt(width * depth / std::min(kFirstSamples, kFirstATriangle * most));
   bits = std::max({0, std::ilogb(wanted) - frame.unitBits, static_cast<int>(std::ceil(std::log2(bearable))) - frame.unitBits});
   const int tile = bits + frame.unitBits + Samples::kCellBits;

@@ -95,7 +95,7 @@ std::optional<float> Samples::at(Point2 p) const {
   return height;
 }
 
-bool Samples::proves() const { return map_ && spacing() <= kPostsACell * map_->shape().pitch; }
+bool Samples::proves() const { return map_ && spacing() <= kPostsACell * map_->shape().finest(); }
 
 void Samples::fill(std::size_t number) {
   Tile& tile = tiles_[number];

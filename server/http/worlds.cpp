@@ -190,9 +190,10 @@ Json heightMap(const terrain::Raster& map) {
   const auto metres = [](double steps) { return steps * lattice::kMetresPerStep; };
   Json out{{"columns", shape.width},
            {"rows", shape.height},
-           {"pitch", metres(shape.pitch)},
-           {"x", metres(static_cast<double>(shape.originX))},
-           {"z", metres(static_cast<double>(shape.originZ))},
+           {"pitch", shape.x.metres()},
+           {"pitch_z", shape.z.metres()},
+           {"x", metres(static_cast<double>(shape.x.origin))},
+           {"z", metres(static_cast<double>(shape.z.origin))},
            {"lowest", metres(shape.lowest)},
            {"highest", metres(shape.highest)},
            {"edge", origin.edge}};

@@ -27,11 +27,11 @@ Json georeference(const terrain::Raster& map, lattice::Point at) {
   const terrain::RasterShape& shape = map.shape();
   const terrain::RasterOrigin origin = map.origin();
   if (!origin.easting || !origin.northing) return {};
-  const auto middle = [&](lattice::Step first, std::uint32_t samples) {
-    return metres(first) + (samples - 1) * (shape.pitch * lattice::kMetresPerStep / 2);
+  const auto middle = [&](const terrain::RasterAxis& axis, std::uint32_t samples) {
+    return metres(axis.origin) + (samples - 1) * (axis.metres() / 2);
   };
-  Json out{{"easting", *origin.easting + metres(at.x) - middle(shape.originX, shape.width)},
-           {"northing", *origin.northing - metres(at.z) + middle(shape.originZ, shape.height)}};
+  Json out{{"easting", *origin.easting + metres(at.x) - middle(shape.x, shape.width)},
+           {"northing", *origin.northing - metres(at.z) + middle(shape.z, shape.height)}};
   if (!origin.crs.empty()) out["crs"] = origin.crs;
   return out;
 }

@@ -41,8 +41,8 @@ OfPose poseOf(Parameters& p, const Limits& limits) {
 // From the first to the last sample.
 OfBox wholeOf(const terrain::RasterShape& s) {
   OfBox out;
-  out.low = {s.originX, s.originZ};
-  out.high = {s.originX + lattice::Step{s.width - 1} * s.pitch, s.originZ + lattice::Step{s.height - 1} * s.pitch};
+  out.low = {s.x.origin, s.z.origin};
+  out.high = {s.x.of(s.width - 1), s.z.of(s.height - 1)};
   return out;
 }
 

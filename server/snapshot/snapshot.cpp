@@ -177,7 +177,7 @@ Result<Made> ofPose(const session::Ground& ground, const OfPose& of, const Limit
 
 // A large map's box by squares of the lattice. Boxes share their common sides bit for bit.
 std::vector<OfBox> partsOf(const terrain::Raster& map, const OfBox& box, int partBits) {
-  const int bits = std::ilogb(map.shape().pitch) + partBits;
+  const int bits = std::ilogb(map.shape().finest()) + partBits;
   const auto width = static_cast<double>(box.high.x - box.low.x), depth = static_cast<double>(box.high.z - box.low.z);
   if (width * depth <= std::ldexp(1.0, 2 * bits)) return {box};
   std::vector<OfBox> parts;

@@ -42,7 +42,7 @@ struct Squares {
 struct Levels {
   int finest = 0, coarsest = 0;
   Levels(const box::Box& box, const terrain::Raster* map) {
-    const Step posts = map ? kLeastPosts * map->shape().pitch : 0;
+    const Step posts = map ? static_cast<Step>(std::ceil(kLeastPosts * map->shape().finest())) : 0;
     while (finest < tileset::kCoarsest && (tileset::errorOf(finest) < box.error || LeafAddress{finest, 0, 0}.side() < posts)) ++finest;
     coarsest = finest;
     while (coarsest < tileset::kCoarsest && Squares(box, coarsest).count() > 4) ++coarsest;

@@ -106,7 +106,7 @@ box::Result<box::BoxMesh> meshed(const terrain::Terrain& terrain, const box::Box
 bool isEdited(const terrain::Terrain& terrain, LeafAddress square) {
   const terrain::Raster* const edits = terrain.edits();
   if (!edits) return false;
-  const std::uint32_t pitch = edits->shape().pitch;
+  const std::int64_t pitch = edits->shape().x.of(1);
   const std::int64_t posts = square.side() / pitch + 8;
   const auto [lowest, highest] = edits->range(square.x() / pitch - 4, square.z() / pitch - 4, posts, posts);
   return lowest != 0 || highest != 0;

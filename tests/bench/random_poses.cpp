@@ -160,8 +160,8 @@ std::vector<camera::Camera> randomPoses(const terrain::Terrain& terrain, const W
   if (const auto* raster = terrain.raster()) {
     const auto& s = raster->shape();
     reach = s.pitch * lattice::kMetresPerStep * std::max(s.width, s.height);
-    middleX = static_cast<double>(s.originX) * lattice::kMetresPerStep + s.pitch * lattice::kMetresPerStep * s.width / 2;
-    middleZ = static_cast<double>(s.originZ) * lattice::kMetresPerStep + s.pitch * lattice::kMetresPerStep * s.height / 2;
+    middleX = static_cast<double>(s.x.origin) * lattice::kMetresPerStep + s.x.metres() * s.width / 2;
+    middleZ = static_cast<double>(s.z.origin) * lattice::kMetresPerStep + s.z.metres() * s.height / 2;
   }
   std::vector<camera::Camera> poses;
   constexpr double kDegree = std::numbers::pi / 180;

@@ -68,7 +68,7 @@ class Talk {
     out.window = static_cast<std::uint32_t>(1 + how % 4);
     out.maxQueuedBytes = kQueue;
     hasMap_ = how / 4 % 2 == 0;
-    if (hasMap_) out.heightMap = terrain::RasterShape{.pitch = 256, .width = 100, .height = 100};
+    if (hasMap_) out.heightMap = terrain::RasterShape{.width = 100, .height = 100};
     return out;
   }
   static wire::Settings settings(std::uint64_t how) {

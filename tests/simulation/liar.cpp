@@ -47,7 +47,10 @@ void Liar::lie() {
   hello.pacing = random_() % 2 == 0 ? wire::Pacing::kLockstep : wire::Pacing::kFree;
   hello.settings.threshold = 20;
   hello.settings.triangleBudget = settings::kLeastBudget;
-  if (random_() % 8 != 0) line_->say(hello);
+  if (random_() % 8 != 0)
+    line_->say(hello);
+  else
+    name_ = "liar";  // its next hello will be the first
 }
 
 void Liar::take(const wire::EditAnswer& answer) {

@@ -32,9 +32,14 @@ wire::HeightTile tileOf(TileAddress a) {
       (*tile)[static_cast<std::size_t>(z * terrain::kTileSide + x)] = sampleAt(a.i * terrain::kTileSide + x, a.j * terrain::kTileSide + z);
   return {a, terrain::encodeTile(*tile)};
 }
-terrain::RasterShape shapeOf(std::uint32_t pitch) {
-  return {
-      .pitch = pitch, .originX = -1234, .originZ = 77, .width = 1000, .height = 1000, .lowest = -400'000, .highest = 400'000, .content = 5};
+terrain::RasterShape shapeOf(terrain::Pitch pitch, terrain::Pitch along = 0) {
+  return {.x = {-1234, pitch},
+          .z = {77, along ? along : pitch},
+          .width = 1000,
+          .height = 1000,
+          .lowest = -400'000,
+          .highest = 400'000,
+          .content = 5};
 }
 scene::HeightWindow windowOf(const terrain::RasterShape& shape, double reach = 32'000) {
   return {"map", terrain::rasterSource(shape), 3, shape, reach};
@@ -45,14 +50,14 @@ void fill(scene::HeightWindow& window, lattice::Point at) {
     for (const TileAddress a : window.take()) ASSERT_TRUE(window.put(tileOf(a)));
 }
 float expected(const terrain::RasterShape& s, lattice::Step x, lattice::Step z) {
-  const auto bx = terrain::between(x, s.originX, s.pitch), bz = terrain::between(z, s.originZ, s.pitch);
+  const auto bx = s.x.at(x), bz = s.z.at(z);
   std::array<std::int32_t, 16> around;
   for (std::int64_t k = 0; k < 16; ++k) around[static_cast<std::size_t>(k)] = sampleAt(bx.sample - 1 + k % 4, bz.sample - 1 + k / 4);
-  return terrain::cubicHeight(around, bx.steps, bz.steps, s.pitch);
+  return terrain::cubicHeight(around, bx.steps(), bz.steps(), s.x.inverse(), s.z.inverse());
 }
 
 TEST(HeightWindow, asksNearestFirstAndOnceAndBounded) {
-  scene::HeightWindow window = windowOf(shapeOf(2560));
+  scene::HeightWindow window = windowOf(shapeOf(terrain::pitchOf(2560)));
   window.moveTo({0, 0});
   const auto first = window.take();
   ASSERT_EQ(first.size(), scene::HeightWindow::kMost);
@@ -74,7 +79,7 @@ TEST(HeightWindow, asksNearestFirstAndOnceAndBounded) {
 }
 
 TEST(HeightWindow, keepsWhatItHasABoundedWhile) {
-  scene::HeightWindow window = windowOf(shapeOf(256), 1e6);
+  scene::HeightWindow window = windowOf(shapeOf(terrain::pitchOf(256)), 1e6);
   fill(window, {0, 0});
   const TileAddress home = window.centre();
   fill(window, {256 * 128 * 3, 0});
@@ -86,7 +91,7 @@ TEST(HeightWindow, keepsWhatItHasABoundedWhile) {
 }
 
 TEST(HeightWindow, givesTheHeightsOfItsSamplesAndNothingElsewhere) {
-  const auto shape = shapeOf(2637);
+  const auto shape = shapeOf(terrain::pitchOf(2637));
   scene::HeightWindow window = windowOf(shape);
   const lattice::Step far = 256'000'000'000'000;
   fill(window, {far, -far});
@@ -118,8 +123,15 @@ class HeightTextures : public testing::Test {
 // by a step.
 TEST_F(HeightTextures, giveTheSameHeightsAsTheSamples) {
   const bool exact = contextDescription().find("llvmpipe") != std::string::npos;
-  for (const std::uint32_t pitch : {16u, 2637u, 7680u, terrain::kMaxPitch}) {
-    const auto shape = shapeOf(pitch);
+  const std::pair<terrain::Pitch, terrain::Pitch> pitches[] = {{terrain::kMinPitch, 0},
+                                                               {terrain::pitchOf(2637), 0},
+                                                               {terrain::pitchOf(7680), 0},
+                                                               {terrain::kMaxPitch, 0},
+                                                               {26'843'546, 0},                            // 10 cm
+                                                               {terrain::kMinPitch + 1, 104'960'000'001},  // oblong
+                                                               {terrain::kMaxPitch - 1, terrain::kMinPitch}};
+  for (const auto& [pitch, along] : pitches) {
+    const auto shape = shapeOf(pitch, along);
     scene::HeightWindow window = windowOf(shape, 1e9);
     HeightTexture texture(shape);
     for (const double distance : {0.0, 1e6, 1e8, 1e12}) {
@@ -129,12 +141,13 @@ TEST_F(HeightTextures, giveTheSameHeightsAsTheSamples) {
       const auto gpu = gpuTerrain("map", {std::string(window.source()), 3, false, false, true}, &texture);
       ASSERT_TRUE(gpu) << gpu.error().message;
       std::mt19937_64 random(pitch);
-      const std::size_t count = 100'000 / (pitch == 7680 ? 1 : 4);
-      const lattice::Step spread = lattice::Step{pitch} * terrain::kTileSide * 6;
+      const std::size_t count = 100'000 / (pitch == terrain::pitchOf(7680) ? 1 : 4);
+      const lattice::Step spread = shape.x.of(terrain::kTileSide * 6) - shape.x.origin,
+                          along6 = shape.z.of(terrain::kTileSide * 6) - shape.z.origin;
       std::vector<lattice::Step> x(count), z(count);
       for (std::size_t k = 0; k < count; ++k) {
         x[k] = centre + static_cast<lattice::Step>(random() % static_cast<std::uint64_t>(2 * spread)) - spread;
-        z[k] = -centre + static_cast<lattice::Step>(random() % static_cast<std::uint64_t>(2 * spread)) - spread;
+        z[k] = -centre + static_cast<lattice::Step>(random() % static_cast<std::uint64_t>(2 * along6)) - along6;
       }
       std::vector<float> drawn(count);
       (*gpu)->heights(x, z, drawn);
@@ -155,7 +168,7 @@ TEST_F(HeightTextures, giveTheSameHeightsAsTheSamples) {
 
 // Of a picture whose colour is that of the tile, with a hole: at samples, between them, from afar, and beyond the window.
 TEST_F(HeightTextures, haveThePictureOnTheMap) {
-  auto shape = shapeOf(7680);
+  auto shape = shapeOf(terrain::pitchOf(7680));
   shape.draped = true;
   scene::HeightWindow window = windowOf(shape);
   const auto byteOf = [](TileAddress a, std::size_t channel) { return static_cast<std::uint8_t>(120 + 9 * (channel == 0 ? a.i : a.j)); };
@@ -167,7 +180,7 @@ TEST_F(HeightTextures, haveThePictureOnTheMap) {
       ASSERT_TRUE(window.put(tile));
     }
   const TileAddress next = window.centre();
-  window.moveTo({shape.originX + (next.i + 1) * shape.pitch * terrain::kTileSide, 0});
+  window.moveTo({shape.x.of((next.i + 1) * terrain::kTileSide), 0});
   wire::HeightTile cut = tileOf(window.take().at(0));
   cut.colours.resize(77);
   EXPECT_FALSE(window.put(cut));
@@ -182,14 +195,14 @@ TEST_F(HeightTextures, haveThePictureOnTheMap) {
         "vec4(terrainColor(place.xy, vec2(place.zw) / 1048576.0, 400.0, vec3(0.0, 1.0, 0.0), footprint, 3u), 1.0); }";
     const auto program = buildTerrainProgram("colour", text, main);
     EXPECT_TRUE(program) << program.error().message;
-    const lattice::Step x = shape.originX + std::llround(i * shape.pitch), z = shape.originZ + std::llround(j * shape.pitch);
+    const lattice::Step x = shape.x.origin + std::llround(i * shape.x.steps()), z = shape.z.origin + std::llround(j * shape.z.steps());
     constexpr lattice::Step kInCell = (lattice::Step{1} << lattice::kCellBits) - 1;
     const Target target(GL_RGBA32F, 1, 1);
     drawInto(target.framebuffer(), 1, 1);
     program->use();
     glUniform4i(program->location("place"), lattice::cellOf(x), lattice::cellOf(z), static_cast<int>(x & kInCell),
                 static_cast<int>(z & kInCell));
-    program->set("footprint", static_cast<float>(footprint * shape.pitch / 256));
+    program->set("footprint", static_cast<float>(footprint * shape.x.metres()));
     texture.bind(*program);
     program->drawFullScreen();
     std::array<float, 4> out{};
@@ -213,7 +226,7 @@ TEST_F(HeightTextures, haveThePictureOnTheMap) {
 }
 
 TEST_F(HeightTextures, knowNothingBeyondTheWindow) {
-  const auto shape = shapeOf(7680);
+  const auto shape = shapeOf(terrain::pitchOf(7680));
   scene::HeightWindow window = windowOf(shape);
   HeightTexture texture(shape);
   fill(window, {0, 0});
@@ -231,7 +244,7 @@ TEST_F(HeightTextures, aHeightMapsWorldNeedsNoTextFromTheServer) {
   world.terrainName = "map";
   world.seed = 3;
   world.horizon = 32'000;
-  world.heightMap = shapeOf(7680);
+  world.heightMap = shapeOf(terrain::pitchOf(7680));
   world.terrainSource = terrain::rasterSource(*world.heightMap);
   for (const bool remote : {true, false}) {
     const Drawing d = drawingOf(world, remote);

@@ -147,7 +147,7 @@ TEST(History, HeightsBetweenPostsAreBicubic) {
     terrain->heights({&x, 1}, {&z, 1}, {&own, 1});
     edited.heights({&x, 1}, {&z, 1}, {&height, 1});
     const float wanted =
-        any ? own + terrain::cubicHeight(around, static_cast<std::int32_t>(x & 127), static_cast<std::int32_t>(z & 127), 128) : own;
+        any ? own + terrain::cubicHeight(around, static_cast<float>(x & 127), static_cast<float>(z & 127), 1 / 128.0f, 1 / 128.0f) : own;
     ASSERT_EQ(height, wanted);
     raised += height != own;
     places.push_back({x, z, wanted});

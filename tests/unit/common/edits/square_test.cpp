@@ -99,8 +99,8 @@ TEST_P(Squares, EverySetOfInstructionsAgreesOnEditedGround) {
       float height = own[k];
       if (std::ranges::any_of(around, [](std::int32_t rise) { return rise != 0; })) {
         float rise = 0;
-        places.set(0, around, static_cast<std::int32_t>(x[k] & (kPostSteps - 1)), static_cast<std::int32_t>(z[k] & (kPostSteps - 1)));
-        v.cubicHeights(places, 1, kPostSteps, &rise);
+        places.set(0, around, static_cast<float>(x[k] & (kPostSteps - 1)), static_cast<float>(z[k] & (kPostSteps - 1)));
+        v.cubicHeights(places, 1, 1.0f / kPostSteps, 1.0f / kPostSteps, &rise);
         height += rise;
         ++raised;
       }

@@ -29,13 +29,14 @@ TEST(Raster, theSurfaceIsTheCubicThroughItsSamples) {
     std::array<std::int32_t, 16> s;
     const std::int32_t base = static_cast<std::int32_t>(random() % 8'000'000) - 4'000'000;
     for (std::int32_t& v : s) v = base + static_cast<std::int32_t>(random() % 200'000);
-    const std::uint32_t pitch = kMinPitch + random() % (kMaxPitch - kMinPitch);
-    const auto x = static_cast<std::int32_t>(random() % pitch), z = static_cast<std::int32_t>(random() % pitch);
+    const RasterAxis axis{0, kMinPitch + random() * 64ull % (kMaxPitch - kMinPitch)};
+    const auto pitch = static_cast<std::uint32_t>(axis.steps());
+    const auto x = static_cast<float>(random() % pitch), z = static_cast<float>(random() % pitch);
     std::array<double, 4> rows;
-    for (std::size_t j = 0; j < 4; ++j) rows[j] = curve(s[4 * j], s[4 * j + 1], s[4 * j + 2], s[4 * j + 3], static_cast<double>(x) / pitch);
-    const double expected = curve(rows[0], rows[1], rows[2], rows[3], static_cast<double>(z) / pitch) / 256;
-    EXPECT_NEAR(cubicHeight(s, x, z, pitch), expected, 0.004);
-    EXPECT_EQ(cubicHeight(s, 0, 0, pitch), static_cast<float>(s[5]) / 256);
+    for (std::size_t j = 0; j < 4; ++j) rows[j] = curve(s[4 * j], s[4 * j + 1], s[4 * j + 2], s[4 * j + 3], x / axis.steps());
+    const double expected = curve(rows[0], rows[1], rows[2], rows[3], z / axis.steps()) / 256;
+    EXPECT_NEAR(cubicHeight(s, x, z, axis.inverse(), axis.inverse()), expected, 0.004);
+    EXPECT_EQ(cubicHeight(s, 0, 0, axis.inverse(), axis.inverse()), static_cast<float>(s[5]) / 256);
   }
 }
 
@@ -43,23 +44,24 @@ TEST(Bicubic, EveryVariantReturnsTheSameBitsForAnyNumberOfPlaces) {
   std::mt19937_64 random(5);
   for (const int bits : {4, 12, 24})
     for (const std::uint32_t pitch : {1u, 128u, 7680u}) {
+      const float inverse = 1 / static_cast<float>(pitch);
       CubicPlaces places;
       for (std::size_t k = 0; k < CubicPlaces::kMost; ++k) {
         std::array<std::int32_t, 16> s;
         for (auto& v : s) v = static_cast<std::int32_t>(random() >> (64 - bits)) - (1 << (bits - 1));
-        places.set(k, s, static_cast<std::int32_t>(random() % pitch), static_cast<std::int32_t>(random() % pitch));
+        places.set(k, s, static_cast<float>(random() % pitch), static_cast<float>(random() % pitch));
       }
       std::array<float, CubicPlaces::kMost> expected{};
       for (std::size_t k = 0; k < expected.size(); ++k) {
         std::array<std::int32_t, 16> s;
         for (std::size_t i = 0; i < s.size(); ++i) s[i] = places.samples[i][k];
-        expected[k] = cubicHeight(s, places.beyondX[k], places.beyondZ[k], pitch);
+        expected[k] = cubicHeight(s, places.beyondX[k], places.beyondZ[k], inverse, inverse / 2);
       }
       for (const Variant& v : variants())
         for (int count = 0; count <= static_cast<int>(CubicPlaces::kMost); ++count) {
           std::array<float, CubicPlaces::kMost> out;
           out.fill(-7);
-          v.cubicHeights(places, count, pitch, out.data());
+          v.cubicHeights(places, count, inverse, inverse / 2, out.data());
           for (std::size_t k = 0; k < out.size(); ++k)
             ASSERT_EQ(std::bit_cast<std::uint32_t>(out[k]), std::bit_cast<std::uint32_t>(static_cast<int>(k) < count ? expected[k] : -7.0f))
                 << v.name << " " << k;
@@ -87,27 +89,34 @@ TEST(Extent, OfPlacesIsFoundByEveryVariant) {
 
 TEST(Raster, heightsKeepToTheBoundsThatAreTold) {
   std::mt19937 random(2);
-  RasterShape shape{.pitch = 256, .width = 4, .height = 4, .lowest = -1000, .highest = 5000};
+  RasterShape shape{.width = 4, .height = 4, .lowest = -1000, .highest = 5000};
   const RasterBounds bounds = boundsOf(shape);
   for (int round = 0; round < 20'000; ++round) {
     std::array<std::int32_t, 16> s;
     for (std::int32_t& v : s) v = random() % 2 ? shape.lowest : shape.highest;
-    const float h = cubicHeight(s, static_cast<std::int32_t>(random() % 256), static_cast<std::int32_t>(random() % 256), 256);
+    const float h = cubicHeight(s, static_cast<float>(random() % 256), static_cast<float>(random() % 256), 1 / 256.0f, 1 / 256.0f);
     ASSERT_GE(h, bounds.lowest);
     ASSERT_LE(h, bounds.highest);
   }
 }
 
-TEST(Raster, coordinatesFallBetweenSamplesOnBothSidesOfTheOrigin) {
-  for (const std::uint32_t pitch : {16u, 7680u, 2637u, kMaxPitch}) {
-    for (lattice::Step v = -3 * lattice::Step{pitch}; v <= 3 * lattice::Step{pitch}; v += 1 + pitch / 64) {
-      const Between b = between(v + 1000, 1000, pitch);
-      ASSERT_GE(b.steps, 0);
-      ASSERT_LT(b.steps, static_cast<std::int32_t>(pitch));
-      ASSERT_EQ(b.sample * pitch + b.steps, v);
+TEST(Raster, CoordinatesFallBetweenSamplesOnBothSidesOfTheOrigin) {
+  for (const Pitch pitch : {kMinPitch, pitchOf(7680), pitchOf(2637), kMaxPitch, pitchOf(25) + 629'146, kMinPitch + 1, kMaxPitch - 1}) {
+    const RasterAxis axis{1000, pitch};
+    const auto size = static_cast<lattice::Step>(axis.steps());
+    for (lattice::Step v = -3 * size; v <= 3 * size; v += 1 + size / 64) {
+      const Between b = axis.at(v + 1000);
+      ASSERT_LT(b.parts, pitch);
+      ASSERT_EQ(b.sample * static_cast<std::int64_t>(pitch) + static_cast<std::int64_t>(b.parts),
+                v * static_cast<std::int64_t>(pitchOf(1)));
+    }
+    for (const std::int64_t sample : {0, -1, 1, 12'345'678, -12'345'678}) {
+      const Between b = axis.at(axis.of(sample) + (axis.partsOf(sample) > 0));
+      ASSERT_EQ(b.sample, sample) << "the first step behind it";
+      ASSERT_LT(b.parts, pitchOf(1));
     }
   }
-  EXPECT_EQ(between(lattice::kMaxPosition, -lattice::kMaxPosition, 16).sample, std::int64_t{1} << 47);
+  EXPECT_EQ((RasterAxis{-lattice::kMaxPosition, kMinPitch}.at(lattice::kMaxPosition).sample), std::int64_t{1} << 47);
 }
 
 std::unique_ptr<Tile> tileOf(const std::function<std::int32_t(int, int)>& height) {

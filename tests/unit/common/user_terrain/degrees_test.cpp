@@ -72,7 +72,7 @@ TEST_F(DegreesTest, PlacesOfTheMapHaveItsHeightsOnThePlane) {
     const auto loaded = load(write("map.asc", grid(61, 41, west, south, height)), {"project=local"});
     ASSERT_TRUE(loaded) << loaded.error().message;
     const terrain::RasterShape& shape = (*loaded)->raster()->shape();
-    EXPECT_EQ(shape.originX, -lattice::Step{shape.width / 2} * shape.pitch);
+    EXPECT_EQ(shape.x.of(shape.width / 2), 0);
     EXPECT_EQ(shape.width % 2 + shape.height % 2, 2u) << "the middle is a sample";
     int inside = 0;
     for (int i = 2; i < 59; i += 3)
@@ -80,8 +80,8 @@ TEST_F(DegreesTest, PlacesOfTheMapHaveItsHeightsOnThePlane) {
         const double l = west + i * 0.008, p = south + j * 0.008;
         const auto [east, north] = seenFrom(west + 0.24, south + 0.16, l, p);
         const auto x = static_cast<lattice::Step>(std::llround(east * 256)), z = static_cast<lattice::Step>(std::llround(-north * 256));
-        const lattice::Step edge = 2 * lattice::Step{shape.pitch};  // nearer to it, the cubic sees how the map goes on
-        if (std::abs(x) > -shape.originX - edge || std::abs(z) > -shape.originZ - edge) continue;
+        const lattice::Step edge = 2 * static_cast<lattice::Step>(shape.x.steps());  // nearer to it, the cubic sees how the map goes on
+        if (std::abs(x) > -shape.x.origin - edge || std::abs(z) > -shape.z.origin - edge) continue;
         ++inside;
         EXPECT_NEAR((*loaded)->height({x, z}), height(l, p), 0.01) << l << " " << p;
       }
@@ -118,8 +118,8 @@ TEST_F(DegreesTest, AsciiGridsInMetresHaveAPlace) {
            {"place=geo"});
   ASSERT_TRUE(loaded) << loaded.error().message;
   const terrain::RasterShape& shape = (*loaded)->raster()->shape();
-  EXPECT_EQ(shape.originX, 505 * 256);
-  EXPECT_EQ(shape.originZ, -7015 * 256);
+  EXPECT_EQ(shape.x.origin, 505 * 256);
+  EXPECT_EQ(shape.z.origin, -7015 * 256);
   EXPECT_EQ((*loaded)->height({505 * 256, -7015 * 256}), 1.5);
   EXPECT_EQ((*loaded)->height({525 * 256, -7005 * 256}), 6);
 }
@@ -150,7 +150,7 @@ TEST_F(DegreesTest, SrtmFilesAreReadByTheirNames) {
   EXPECT_THAT(complaint(file), HasSubstr("EPSG:32719"));
   const auto loaded = load(file, {"pitch=100"});
   ASSERT_TRUE(loaded);
-  EXPECT_EQ((*loaded)->height({(*loaded)->raster()->shape().originX, (*loaded)->raster()->shape().originZ}), 0x7f);
+  EXPECT_EQ((*loaded)->height({(*loaded)->raster()->shape().x.origin, (*loaded)->raster()->shape().z.origin}), 0x7f);
   const auto local = load(file, {"project=local", "pitch=1000"});
   ASSERT_TRUE(local) << local.error().message;
   EXPECT_THAT((*local)->raster()->origin().crs, HasSubstr("+lat_0=-33.5 +lon_0=-70.5"));
@@ -212,7 +212,7 @@ TEST_F(DegreesTest, HolesAreFilledWhenSaidSo) {
   EXPECT_THAT(complaint(file), HasSubstr("nodata=fill"));
   const auto loaded = load(file, {"nodata=fill"});
   ASSERT_TRUE(loaded);
-  EXPECT_EQ((*loaded)->height({(*loaded)->raster()->shape().originX + 2560, (*loaded)->raster()->shape().originZ + 2560}), 5);
+  EXPECT_EQ((*loaded)->height({(*loaded)->raster()->shape().x.origin + 2560, (*loaded)->raster()->shape().z.origin + 2560}), 5);
   EXPECT_THAT(complaint(write("map.asc", head + "-9 -9 -9 -9 -9 -9 -9 -9 -9"), {"nodata=fill"}), HasSubstr("nothing to fill them from"));
 }
 

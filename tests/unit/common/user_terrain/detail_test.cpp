@@ -64,22 +64,22 @@ TEST_F(Detailing, KeepsTheMapsOwnSamplesAndAddsWhatTheyCannotCarry) {
     const auto plain = open({"edge=" + edge}).value(), detailed = open({"edge=" + edge, "detail=alpine:0.3"}).value();
     const auto alpine = terrain::create("alpine", 1).value();
     const terrain::RasterShape &coarse = plain->raster()->shape(), &fine = detailed->raster()->shape();
-    ASSERT_EQ(fine.pitch, 960u);  // 30 m / 8
-    EXPECT_EQ(fine.originX, coarse.originX);
+    ASSERT_EQ(fine.x.pitch, terrain::pitchOf(960));  // 30 m / 8
+    EXPECT_EQ(fine.x.origin, coarse.x.origin);
     EXPECT_EQ(fine.width, edge == "repeat" ? 8 * kWidth : 8 * (kWidth - 1) + 1);
     EXPECT_NE(fine.content, coarse.content);
-    const auto place = [&](std::int64_t i, std::int64_t j, std::uint32_t pitch) {
-      return lattice::Point{coarse.originX + i * pitch, coarse.originZ + j * pitch};
+    const auto place = [](std::int64_t i, std::int64_t j, const terrain::RasterShape& of) {
+      return lattice::Point{of.x.of(i), of.z.of(j)};
     };
     for (int j = 0; j < kHeight; ++j)
       for (int i = 0; i < kWidth; ++i)
-        ASSERT_EQ(detailed->heightStep(place(i, j, coarse.pitch)), plain->heightStep(place(i, j, coarse.pitch))) << i << " " << j;
-    const auto own = [&](std::int64_t i, std::int64_t j) { return static_cast<double>(plain->heightStep(place(i, j, coarse.pitch))); };
-    const auto carried = [&](std::int64_t i, std::int64_t j) { return static_cast<double>(alpine->heightStep(place(i, j, coarse.pitch))); };
+        ASSERT_EQ(detailed->heightStep(place(i, j, coarse)), plain->heightStep(place(i, j, coarse))) << i << " " << j;
+    const auto own = [&](std::int64_t i, std::int64_t j) { return static_cast<double>(plain->heightStep(place(i, j, coarse))); };
+    const auto carried = [&](std::int64_t i, std::int64_t j) { return static_cast<double>(alpine->heightStep(place(i, j, coarse))); };
     double most = 0;
     for (std::uint32_t j = 0; j < fine.height; ++j)
       for (std::uint32_t i = 0; i < fine.width; ++i) {
-        const lattice::Point p = place(i, j, fine.pitch);
+        const lattice::Point p = place(i, j, fine);
         const double detail = alpine->heightStep(p) - bicubic(carried, i / 8.0, j / 8.0);
         ASSERT_NEAR(detailed->heightStep(p), bicubic(own, i / 8.0, j / 8.0) + 0.3 * detail, 0.6) << edge << " " << i << " " << j;
         most = std::max(most, std::abs(detail));
@@ -92,7 +92,7 @@ TEST_F(Detailing, GoesOnBeyondTheEdgeAsTheMapDoes) {
   const auto height = [&](const std::string& edge, double x, double z) {
     const auto terrain = open({"edge=" + edge, "detail=canyon:0.5:4"}).value();
     const terrain::RasterShape& shape = terrain->raster()->shape();
-    return terrain->heightStep({shape.originX + std::llround(x * 7680), shape.originZ + std::llround(z * 7680)});
+    return terrain->heightStep({shape.x.origin + std::llround(x * 7680), shape.z.origin + std::llround(z * 7680)});
   };
   EXPECT_EQ(height("repeat", 3.25, 5.5), height("repeat", 3.25 + kWidth, 5.5 - kHeight));
   EXPECT_EQ(height("mirror", 3.25, 5.5), height("mirror", -3.25, 2 * (kHeight - 1) - 5.5));
@@ -125,7 +125,7 @@ TEST_F(Detailing, SaysWhatDoesNotWork) {
   EXPECT_THAT(why({"detail=alpine:0.2"}, "30", {.total = 10'000}), HasSubstr("say fewer parts (detail=alpine:0.2:2)"));
   EXPECT_THAT(why({"detail=alpine:4", "offset=32500", "pitch=900"}),
               testing::AnyOf(HasSubstr("beyond 32,768 m"), HasSubstr("32,768 m of 0")));
-  EXPECT_EQ(open({"detail=alpine:0.2"}, "0.75").value()->raster()->shape().pitch, 24u);  // 192 steps by 8
+  EXPECT_EQ(open({"detail=alpine:0.2"}, "0.75").value()->raster()->shape().x.pitch, terrain::pitchOf(24));  // 192 steps by 8
   for (const char* wrong :
        {"detail=", "detail=alpine", "detail=alpine:", "detail=alpine:0", "detail=alpine:-1", "detail=alpine:nan", "detail=alpine:5",
         "detail=mars:0.2", "detail=alpine:0.2:1", "detail=alpine:0.2:65", "detail=alpine:0.2:8:8", "detail=alpine:0.2:x"}) {

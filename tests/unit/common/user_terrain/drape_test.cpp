@@ -121,9 +121,10 @@ class Drapes : public testing::Test {
   // Of this easting and northing, from the map's own sample in the middle, by the file's pitch and the terrain's.
   static Colour colourOn(const terrain::Terrain& terrain, double pitch, double easting, double northing, float footprint = 0.01f) {
     const terrain::RasterShape& shape = terrain.raster()->shape();
-    const auto steps = [&](double metres, Step origin) { return origin + static_cast<Step>(std::llround(metres / pitch * shape.pitch)); };
-    return colourAt(terrain, steps(easting - (500'000 + pitch / 2), shape.originX), steps(4'600'150 - pitch / 2 - northing, shape.originZ),
-                    footprint);
+    const auto steps = [&](double metres, const terrain::RasterAxis& axis) {
+      return axis.origin + static_cast<Step>(std::llround(metres / pitch * axis.steps()));
+    };
+    return colourAt(terrain, steps(easting - (500'000 + pitch / 2), shape.x), steps(4'600'150 - pitch / 2 - northing, shape.z), footprint);
   }
   static void expectNear(const Colour& found, const Colour& wanted, double tolerance, const std::string& what) {
     for (std::size_t c = 0; c < 3; ++c) EXPECT_NEAR(found[c], wanted[c], tolerance) << what << ", channel " << c;

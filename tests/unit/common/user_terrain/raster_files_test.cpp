@@ -152,14 +152,13 @@ TEST_F(RasterFiles, aGeoTiffInEveryFormGivesItsHeightsAtItsPlace) {
         ASSERT_TRUE(terrain);
         EXPECT_EQ(terrain->name(), "map");
         const terrain::RasterShape& shape = terrain->raster()->shape();
-        EXPECT_EQ(shape.pitch, 30u * 256);
-        EXPECT_EQ(shape.originX, Step{500'015} * 256) << "easting of the first pixel's middle";
-        EXPECT_EQ(shape.originZ, -Step{4'599'985} * 256) << "north is -z";
+        EXPECT_EQ(shape.x.pitch, terrain::pitchOf(30 * 256));
+        EXPECT_EQ(shape.x.origin, Step{500'015} * 256) << "easting of the first pixel's middle";
+        EXPECT_EQ(shape.z.origin, -Step{4'599'985} * 256) << "north is -z";
         for (int z = 0; z < t.height; z += 3)
           for (int x = 0; x < t.width; x += 3) {
             const double expected = bits == 16 ? std::trunc(bumpy(x, z)) : bumpy(x, z);
-            ASSERT_EQ(terrain->height({shape.originX + Step{x} * shape.pitch, shape.originZ + Step{z} * shape.pitch}), expected)
-                << x << ", " << z;
+            ASSERT_EQ(terrain->height({shape.x.of(x), shape.z.of(z)}), expected) << x << ", " << z;
           }
       }
 }
@@ -189,14 +188,36 @@ TEST_F(RasterFiles, AGeoTiffInFeetIsConverted) {
     const auto terrain = load(file("map.tif"), {"place=geo"});
     ASSERT_TRUE(terrain);
     const terrain::RasterShape& shape = terrain->raster()->shape();
-    EXPECT_EQ(shape.pitch, std::round(30 * c.metres * 256)) << c.metres;
-    EXPECT_EQ(shape.originX, std::round(500'015 * c.metres * 256));
-    EXPECT_EQ(shape.originZ, std::round(-4'599'985 * c.metres * 256));
+    EXPECT_NEAR(shape.x.metres(), 30 * c.metres, 2e-9) << c.metres;
+    EXPECT_EQ(shape.x.origin, std::round(500'015 * c.metres * 256));
+    EXPECT_EQ(shape.z.origin, std::round(-4'599'985 * c.metres * 256));
   }
   tiff("map.tif", {.keys = {1024, 1, 3076, 9084}, .sample = bumpy});
   EXPECT_THAT(complaint(file("map.tif")), HasSubstr("unit 9084 of the EPSG list"));
   EXPECT_THAT(complaint(file("map.tif"), {"pitch=2", "place=geo"}), HasSubstr("unit 9084 of the EPSG list"));
-  EXPECT_EQ(load(file("map.tif"), {"pitch=2"})->raster()->shape().pitch, 512u);
+  EXPECT_EQ(load(file("map.tif"), {"pitch=2"})->raster()->shape().x.pitch, terrain::pitchOf(512));
+}
+
+// Of 10 cm, a third of a metre, a foot of the United States, and nearly square: rounded to whole steps, the far side of a map of 1 km lay
+// up to 15 m off.
+TEST_F(RasterFiles, SamplesLieWhereTheFileSaysThroughout) {
+  for (const auto& [across, down] : {std::pair{0.1, 0.1}, {1.0 / 3, 1.0 / 3}, {12 / 39.37, 12 / 39.37}, {10, 10.009}, {0.5, 2}}) {
+    const std::vector<double> place{across, 0, 0, 5000, 0, -down, 0, 8000, 0, 0, 0, 0, 0, 0, 0, 1};
+    tiff("map.tif", {.width = 3000, .height = 2000, .geographic = false, .transformation = place, .sample = [](int x, int z) {
+                       return 100 + 10 * std::sin(0.01 * x) + 10 * std::cos(0.013 * z);
+                     }});
+    const auto terrain = load(file("map.tif"), {"place=geo"});
+    ASSERT_TRUE(terrain);
+    const double steepest = 0.1 / across + 0.13 / down, off = steepest / 512 + 0.004;  // a step away at most, and half a step high
+    for (const int z : {0, 1, 999, 1500, 1999})
+      for (const int x : {0, 1, 1234, 2000, 2999}) {
+        const double east = 5000 + (x + 0.5) * across, north = 8000 - (z + 0.5) * down;
+        EXPECT_NEAR(terrain->height({std::llround(east * 256), std::llround(-north * 256)}),
+                    100 + 10 * std::sin(0.01 * x) + 10 * std::cos(0.013 * z), off)
+            << x << ", " << z << " of " << across << " x " << down;
+      }
+  }
+  EXPECT_THAT(describe(*load(file("map.tif"))->raster()), HasSubstr("3000 x 2000 samples, 0.5 x 2 m apart (1499.5 x 3998 m)"));
 }
 
 TEST_F(RasterFiles, HeightsInFeetAreRefusedUntilAScaleIsGiven) {
@@ -214,9 +235,9 @@ TEST_F(RasterFiles, AModelTransformationPlacesTheMapOrIsRefused) {
   const auto terrain = load(file("map.tif"), {"place=geo"});
   ASSERT_TRUE(terrain);
   const terrain::RasterShape& shape = terrain->raster()->shape();
-  EXPECT_EQ(shape.pitch, 10u * 256);
-  EXPECT_EQ(shape.originX, Step{5005} * 256) << "the first pixel's middle";
-  EXPECT_EQ(shape.originZ, -Step{7995} * 256);
+  EXPECT_EQ(shape.x.pitch, terrain::pitchOf(10 * 256));
+  EXPECT_EQ(shape.x.origin, Step{5005} * 256) << "the first pixel's middle";
+  EXPECT_EQ(shape.z.origin, -Step{7995} * 256);
   for (const auto& [a, b, e, f] : {std::array{8.0, 6.0, 6.0, -8.0}, std::array{10.0, 0.0, 0.0, 10.0}, std::array{10.0, 0.1, 0.0, -10.0}}) {
     tiff("map.tif", {.geographic = false, .transformation = {a, b, 0, 5000, e, f, 0, 8000, 0, 0, 0, 0, 0, 0, 0, 1}, .sample = bumpy});
     EXPECT_THAT(complaint(file("map.tif")), HasSubstr("its rows do not run east and its columns south: turn it (gdalwarp)"));
@@ -276,8 +297,7 @@ TEST_F(RasterFiles, theGridGoesOnForEverAndTilesAreItsSamples) {
     for (const std::int64_t far : {std::int64_t{0}, std::int64_t{-1}, std::int64_t{1'000'000}, std::int64_t{-2'000'000'000}}) {
       terrain->raster()->tile({far, -far}, *tile);
       for (std::int64_t k = 0; k < terrain::kTileSide; k += 9) {
-        const lattice::Point p{shape.originX + (far * terrain::kTileSide + k) * shape.pitch,
-                               shape.originZ + (-far * terrain::kTileSide + 5) * shape.pitch};
+        const lattice::Point p{shape.x.of(far * terrain::kTileSide + k), shape.z.of(-far * terrain::kTileSide + 5)};
         ASSERT_EQ(terrain->heightStep(p), (*tile)[static_cast<std::size_t>(5 * terrain::kTileSide + k)]) << edge << " " << far;
         ASSERT_GE(terrain->heightStep(p), shape.lowest);
         ASSERT_LE(terrain->heightStep(p), shape.highest);
@@ -346,7 +366,7 @@ TEST_F(RasterFiles, whatIsNoHeightIsReplacedOnlyWhenSaidSo) {
   EXPECT_THAT(complaint(file("map.tif")), HasSubstr("41 samples are missing (NoData), the first at column 9, row 0"));
   const auto terrain = load(file("map.tif"), {"nodata=-3"});
   const terrain::RasterShape& s = terrain->raster()->shape();
-  EXPECT_EQ(terrain->height({s.originX + 4 * s.pitch, s.originZ + 2 * s.pitch}), -3);
+  EXPECT_EQ(terrain->height({s.x.of(4), s.z.of(2)}), -3);
   EXPECT_EQ(s.lowest, -3 * 256);
 }
 

@@ -19,9 +19,8 @@ World worldWith(const terrain::RasterShape& shape) {
   world.heightMap = shape;
   return world;
 }
-const terrain::RasterShape kShape{.pitch = 7680,
-                                  .originX = -5,
-                                  .originZ = lattice::kMaxPosition,
+const terrain::RasterShape kShape{.x = {-5, terrain::pitchOf(7680)},
+                                  .z = {lattice::kMaxPosition, 26'843'546},
                                   .width = 10,
                                   .height = 20,
                                   .lowest = -300,
@@ -56,8 +55,8 @@ TEST(HeightMapWire, comesBackAsItWas) {
 
 TEST(HeightMapWire, whatCannotBeIsRefused) {
   for (const auto& change : std::vector<std::function<void(terrain::RasterShape&)>>{
-           [](auto& s) { s.pitch = 15; }, [](auto& s) { s.pitch = terrain::kMaxPitch + 1; },
-           [](auto& s) { s.originX = lattice::kMaxPosition + 1; }, [](auto& s) { s.width = 1; }, [](auto& s) { s.lowest = 5; },
+           [](auto& s) { s.x.pitch = terrain::kMinPitch - 1; }, [](auto& s) { s.z.pitch = terrain::kMaxPitch + 1; },
+           [](auto& s) { s.x.origin = lattice::kMaxPosition + 1; }, [](auto& s) { s.width = 1; }, [](auto& s) { s.lowest = 5; },
            [](auto& s) { s.highest = terrain::kMaxSample + 1; }}) {
     terrain::RasterShape shape = kShape;
     change(shape);

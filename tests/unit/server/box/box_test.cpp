@@ -100,9 +100,10 @@ TEST(BoxMesh, KeepsItsErrorOnADenseSampleAndCoversTheBox) {
 // A height map without end: hills, ridges and noise, posts `pitch` steps apart.
 class Map final : public terrain::Terrain, public terrain::Raster {
  public:
-  explicit Map(std::uint32_t pitch, std::uint32_t seed) : seed_(seed) {
-    shape_.pitch = pitch;
-    shape_.originX = 17;
+  // Oblong: twice as far apart along z.
+  Map(terrain::Pitch pitch, std::uint32_t seed, bool isOblong = false) : seed_(seed) {
+    shape_.x = {17, pitch};
+    shape_.z = {0, isOblong ? 2 * pitch : pitch};
   }
   std::string_view name() const override { return "map"; }
   std::string_view source() const override { return ""; }
@@ -111,10 +112,10 @@ class Map final : public terrain::Terrain, public terrain::Raster {
   const terrain::RasterShape& shape() const override { return shape_; }
   void heights(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out) const override {
     for (std::size_t k = 0; k < out.size(); ++k) {
-      const auto bx = terrain::between(x[k], shape_.originX, shape_.pitch), bz = terrain::between(z[k], shape_.originZ, shape_.pitch);
+      const auto bx = shape_.x.at(x[k]), bz = shape_.z.at(z[k]);
       std::array<std::int32_t, 16> around;
       for (int n = 0; n < 16; ++n) around[static_cast<std::size_t>(n)] = post(bx.sample - 1 + n % 4, bz.sample - 1 + n / 4);
-      out[k] = terrain::cubicHeight(around, bx.steps, bz.steps, shape_.pitch);
+      out[k] = terrain::cubicHeight(around, bx.steps(), bz.steps(), shape_.x.inverse(), shape_.z.inverse());
     }
   }
   void tile(terrain::TileAddress a, terrain::Tile& out) const override {
@@ -130,7 +131,7 @@ class Map final : public terrain::Terrain, public terrain::Raster {
 
  private:
   std::int32_t post(std::int64_t i, std::int64_t j) const {
-    const double metres = shape_.pitch / 256.0, x = static_cast<double>(i) * metres, z = static_cast<double>(j) * metres;
+    const double metres = shape_.x.metres(), x = static_cast<double>(i) * metres, z = static_cast<double>(j) * shape_.z.metres();
     const auto noise =
         static_cast<double>(lattice::mix(lattice::mix(static_cast<std::uint64_t>(i) + seed_) + static_cast<std::uint64_t>(j)) >> 44) /
         (1 << 20);
@@ -143,7 +144,7 @@ class Map final : public terrain::Terrain, public terrain::Raster {
 
 // With four posts a cell, a tile and its surroundings are wider than what a map gives at a time: it wrote beyond its buffers.
 TEST(BoxMesh, AsksAMapForNoMoreThanItGives) {
-  const Map map(256, 1);
+  const Map map(terrain::pitchOf(256), 1);
   const auto made = make(map, boxAt(0, 0, 900, 900, 60), 2, 1000);
   ASSERT_TRUE(made) << made.error().message;
   EXPECT_EQ(made->spacing, 4);
@@ -165,7 +166,7 @@ class Raised final : public terrain::Terrain {
   }
 
  private:
-  Map map_{512, 1};
+  Map map_{terrain::pitchOf(512), 1};
 };
 TEST(BoxMesh, DoesNotProveWhatPostsDoNotKnow) {
   const Raised terrain;
@@ -222,7 +223,7 @@ TEST(BoxMesh, KeepsItsErrorInRandomBoxes) {
     else if (k % 6 == 5)
       terrain = std::make_shared<Cliffs>(k % 12 == 11);
     else
-      terrain = std::make_shared<Map>(static_cast<std::uint32_t>(uniform(200, 8000)), seed);
+      terrain = std::make_shared<Map>(static_cast<terrain::Pitch>(uniform(200, 8000) * terrain::pitchOf(1)), seed, k % 12 > 6);
     const double error = std::exp(uniform(std::log(0.05), std::log(50))), far = std::exp(uniform(0, std::log(1e9)));
     const Box box = boxAt(uniform(-far, far), uniform(-far, far), error * uniform(20, 200), error * uniform(20, 200), error);
     const auto made = make(*terrain, box, 2, 200'000);

@@ -29,7 +29,7 @@ class Terraces final : public terrain::Terrain, public terrain::Raster {
   void tile(terrain::TileAddress a, terrain::Tile& out) const override { out.fill(static_cast<std::int32_t>(100 * a.i + a.j)); }
 
  private:
-  terrain::RasterShape shape_{.pitch = 256, .width = 2, .height = 2};
+  terrain::RasterShape shape_{.width = 2, .height = 2};
 };
 
 class Listener final : public Sender {

@@ -290,10 +290,10 @@ class Bumps final : public terrain::Terrain, public terrain::Raster {
   void heights(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out) const override {
     std::array<std::int32_t, 16> around{};
     for (std::size_t k = 0; k < out.size(); ++k) {
-      const auto bx = terrain::between(x[k], shape_.originX, shape_.pitch), bz = terrain::between(z[k], shape_.originZ, shape_.pitch);
+      const auto bx = shape_.x.at(x[k]), bz = shape_.z.at(z[k]);
       for (std::int64_t j = 0; j < 4; ++j)
         for (std::int64_t i = 0; i < 4; ++i) around[static_cast<std::size_t>(4 * j + i)] = sample(bx.sample - 1 + i, bz.sample - 1 + j);
-      out[k] = terrain::cubicHeight(around, bx.steps, bz.steps, shape_.pitch);
+      out[k] = terrain::cubicHeight(around, bx.steps(), bz.steps(), shape_.x.inverse(), shape_.z.inverse());
     }
   }
 
@@ -301,7 +301,7 @@ class Bumps final : public terrain::Terrain, public terrain::Raster {
   static std::int32_t sample(std::int64_t x, std::int64_t z) {
     return static_cast<std::int32_t>(std::lround(3000 * std::sin(static_cast<double>(x) * 0.3) * std::cos(static_cast<double>(z) * 0.2)));
   }
-  terrain::RasterShape shape_{2560, -256'000, -128'000, 200, 100, -3000, 3000, 77};
+  terrain::RasterShape shape_{{-256'000, terrain::pitchOf(2560)}, {-128'000, terrain::pitchOf(2560)}, 200, 100, -3000, 3000, 77};
   std::string source_ = terrain::rasterSource(shape_);
 };
 
