@@ -9,7 +9,7 @@
 //   int rasterTexel(ivec2 index, int level) the sample `index` from there in steps, in the pyramid's level (each the mean of 2 x 2 of
 //                                           the one before, 0 to 7); below -2^24 where the window does not reach
 // and, if it holds the picture on a draped map, RASTER_DRAPED and
-//   vec4 rasterPicture(vec2 index, float footprint)   light times alpha, and alpha, in the window as above; footprint: in samples, at least 1
+//   vec4 rasterPicture(vec2 index, float footprint)   light times alpha, and alpha, in the window as above; footprint: in samples, >= 1
 
 const float kUnknownHeight = -131072.0f;  // what lies outside the window: so deep that no ray meets it
 

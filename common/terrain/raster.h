@@ -88,6 +88,7 @@ struct RasterOrigin {
   std::string crs;                          // of the file, such as EPSG:32632
   std::optional<double> easting, northing;  // of the map's middle, metres
   std::string drape;                        // the picture on it; empty: none
+  std::string read;                         // how the file was read, where that is not plain
 };
 
 // A source of samples. Any thread.

@@ -18,6 +18,8 @@ std::string_view trimmed(std::string_view text);
 // Whether all are ASCII letters, digits or among `others`.
 bool hasOnly(std::string_view text, std::string_view others);
 
+std::string lower(std::string_view text);  // ASCII letters
+
 // Takes the first part of a list, with its separator, off the front of `rest`.
 std::string_view takePart(std::string_view& rest, char separator);
 

@@ -22,16 +22,20 @@ class AscFile final : public RasterFile {
   explicit AscFile(const std::filesystem::path& file) : name_(file.string()), in_(file, std::ios::binary), buffer_(std::size_t{1} << 16) {}
   const RasterHeader& header() const override { return header_; }
 
-  Outcome<void> open(std::uint64_t size) {
+  Outcome<void> open(std::uint64_t size, bool hasPitch) {
     if (!in_) return Error{"cannot read " + name_};
     std::array<std::optional<double>, kKeys.size()> values;
     std::string word = next();
     for (; !word.empty() && std::isalpha(static_cast<unsigned char>(word[0])); word = next()) {
-      for (char& c : word) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+      word = text::lower(word);
       std::size_t key = 0;
       while (key < kKeys.size() && kKeys[key] != word) ++key;
       const std::string text = next();
       const auto value = text::number<double>(text);
+      if (const bool isOwn = key < kKeys.size() && !values[key] && value; !isOwn && (word == "dx" || word == "dy" || word == "nan")) {
+        header_.unread = "it is an ASCII grid with dx and dy, or one that begins with nan";
+        return {};
+      }
       if (key == kKeys.size() || values[key] || !value)
         return Error{
             name_ + ": '" + shown(word) + " " + shown(text) +
@@ -40,7 +44,7 @@ class AscFile final : public RasterFile {
       values[key] = value;
     }
     first_ = std::move(word);
-    return understand(values, size);
+    return understand(values, size, hasPitch);
   }
 
   Outcome<void> row(std::span<double> out) override {
@@ -68,7 +72,7 @@ class AscFile final : public RasterFile {
     return out;
   }
 
-  Outcome<void> understand(const std::array<std::optional<double>, kKeys.size()>& values, std::uint64_t size) {
+  Outcome<void> understand(const std::array<std::optional<double>, kKeys.size()>& values, std::uint64_t size, bool hasPitch) {
     const auto count = [&](Key key) {
       const double v = values[key].value_or(0);
       return v >= 1 && v <= 1e10 && v == std::floor(v) ? static_cast<std::uint64_t>(v) : 0;
@@ -88,11 +92,17 @@ class AscFile final : public RasterFile {
     };
     const auto west = middle(kCornerX, kCentreX), south = middle(kCornerY, kCentreY);
     const auto north = south ? std::optional(*south + static_cast<double>(rows - 1) * cell) : std::nullopt;
+    header_.unread = besideIt(name_, false);
+    if (!header_.unread.empty()) return {};
     const bool isSmall = cell < terrain::kMinPitch / terrain::kPartsPerMetre;
     if (isSmall && west && north && std::abs(*west) <= 180 && std::abs(*south) <= 90 && std::abs(*north) <= 90) {
       header_.degrees = DegreeGrid{*west, *north, cell, cell};
       return {};
     }
+    const bool mayBeDegrees = cell <= 1 && west && north && std::abs(*west) <= 360 && std::abs(*south) <= 90 && std::abs(*north) <= 90;
+    if (mayBeDegrees && !hasPitch && (std::abs(*west) > cell || std::abs(*south) > cell))
+      return Error{name_ + ": it does not say whether its cells of " + text::rounded(cell, 6) +
+                   " are degrees or metres: say --raster pitch=" + text::rounded(cell, 6) + " for metres, or project it (gdalwarp)"};
     header_.pitch = header_.pitchDown = cell;
     if (west && north) {
       header_.easting = west;
@@ -130,9 +140,9 @@ class AscFile final : public RasterFile {
 
 }  // namespace
 
-Outcome<std::unique_ptr<RasterFile>> openAsc(const std::filesystem::path& file, std::uint64_t size) {
+Outcome<std::unique_ptr<RasterFile>> openAsc(const std::filesystem::path& file, std::uint64_t size, const RasterOptions& options) {
   auto asc = std::make_unique<AscFile>(file);
-  if (auto opened = asc->open(size); !opened) return opened.error();
+  if (auto opened = asc->open(size, options.pitch.has_value()); !opened) return opened.error();
   return std::unique_ptr<RasterFile>(std::move(asc));
 }
 

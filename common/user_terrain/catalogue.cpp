@@ -88,10 +88,18 @@ std::vector<std::filesystem::path> filesIn(const std::filesystem::path& folder) 
   return out;
 }
 
+// A height map, by its ending or because it is there and nothing else.
+bool isMap(const Request& request) {
+  if (builtIn(request.terrain)) return false;
+  const std::filesystem::path file = request.terrain;
+  std::error_code failed;
+  return isRasterName(request.terrain) || (file.has_parent_path() && file.extension() != ".glsl" && std::filesystem::exists(file, failed));
+}
+
 // Of this terrain; empty: none.
 std::filesystem::path fileOf(const Request& request) {
   std::filesystem::path file = request.terrain;
-  if (file.extension() == ".glsl" || isRasterName(request.terrain)) return file;
+  if (file.extension() == ".glsl" || isMap(request)) return file;
   if (builtIn(request.terrain)) return {};
   for (auto& f : filesIn(request.folder))
     if (f.stem() == request.terrain) return f;
@@ -118,7 +126,7 @@ Outcome<Source> find(const Request& request) {
     for (const terrain::Description& d : terrain::builtIn()) names.append(names.empty() ? "" : ", ").append(d.name);
     for (const auto& f : filesIn(request.folder)) names.append(", ").append(f.stem().string());
     return Error{"there is no terrain \"" + request.terrain.substr(0, 64) + "\"; there is: " + names +
-                 "; or give a file of your own: NAME.glsl, or a height map, NAME.tif, .png, .asc, .hgt, .r16 or .raw"};
+                 "; or give a file of your own: NAME.glsl, or a height map, such as NAME.tif, or a folder of them, FOLDER/"};
   }
   auto text = readText(file);
   if (!text) return text.error();
@@ -184,10 +192,10 @@ Outcome<std::shared_ptr<const Library>> built(const Source& source, const Reques
 }  // namespace
 
 Outcome<std::shared_ptr<const terrain::Terrain>> load(const Request& request, Complain complain, const std::stop_token& stop) {
-  if (request.raster != RasterOptions() && !isRasterName(request.terrain))
+  if (request.raster != RasterOptions() && !isMap(request))
     return Error{"--raster and --drape are for height maps; terrain \"" + request.terrain.substr(0, 64) + "\" takes --param NAME=NUMBER"};
   if (const auto* d = builtIn(request.terrain)) return loadBuiltIn(*d, request);
-  if (isRasterName(request.terrain)) {
+  if (isMap(request)) {
     if (!request.parameters.empty()) return Error{"--param sets parameters of GLSL terrains; a height map takes --raster NAME=VALUE"};
     return loadRaster(request.terrain, request.raster, request.seed);
   }

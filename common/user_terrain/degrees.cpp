@@ -105,13 +105,17 @@ Local halves(const Plane& plane, const Place& middle, const DegreeGrid& g, std::
 
 }  // namespace
 
+int utmZone(double longitude, double latitude) {
+  if (latitude > 84) return 32661;
+  if (latitude < -80) return 32761;
+  const double east = longitude + 180 - 360 * std::floor((longitude + 180) / 360);  // of the date line
+  return (latitude >= 0 ? 32601 : 32701) + std::min(static_cast<int>(east / 6), 59);
+}
+
 Error inDegrees(const std::string& name, const DegreeGrid& grid, std::uint32_t width, std::uint32_t height) {
   const Place middle = middleOf(grid, width, height);
-  const int zone = std::clamp(static_cast<int>(std::floor((middle.longitude + 180) / 6)) + 1, 1, 60);
-  const bool isNorth = middle.latitude >= 0;
-  const int epsg = middle.latitude > 84 ? 32661 : middle.latitude < -80 ? 32761 : (isNorth ? 32600 : 32700) + zone;
-  const std::string called =
-      epsg == 32661 || epsg == 32761 ? "the polar zone" : "UTM zone " + std::to_string(zone) + (isNorth ? " north" : " south");
+  const int epsg = utmZone(middle.longitude, middle.latitude), zone = epsg % 100;
+  const std::string called = zone == 61 ? "the polar zone" : "UTM zone " + std::to_string(zone) + (epsg < 32700 ? " north" : " south");
   return {name + ": its samples are degrees apart, not metres: project it to " + called + " (gdalwarp -t_srs EPSG:" + std::to_string(epsg) +
           "), say --raster project=local to lay it on the plane that touches its middle, or say --raster pitch=METRES"};
 }

@@ -29,6 +29,9 @@ struct DegreeGrid {
   double stepX = 0, stepY = 0;  // from one sample to the next, positive
 };
 
+// The EPSG number of the UTM zone, or of the polar one, at a place; degrees, longitudes also beyond 180.
+int utmZone(double longitude, double latitude);
+
 // The refusal of a map that is to be in metres; names the UTM zone of its middle.
 Error inDegrees(const std::string& name, const DegreeGrid& grid, std::uint32_t width, std::uint32_t height);
 

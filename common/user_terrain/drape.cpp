@@ -66,19 +66,27 @@ void halve(const Samples& from, Samples& to) {
     for (std::uint32_t i = 0; i < to.width(); ++i) to.row(j)[i] = pixelOf(bilinear(from, 2.0 * i + 0.5, 2.0 * j + 0.5));
 }
 
-Outcome<void> readPixels(RasterFile& file, Samples& pixels) {
+Outcome<void> readPixels(const std::string& name, RasterFile& file, Samples& pixels) {
   const RasterHeader& header = file.header();
   std::vector<double> values(std::size_t{header.width} * header.bands);
+  double brightest = 0;
   for (std::uint32_t j = 0; j < header.height; ++j) {
     if (auto read = file.row(values); !read) return read.error();
     for (std::uint32_t i = 0; i < header.width; ++i) {
       const double* const v = &values[std::size_t{i} * header.bands];
-      const auto byte = [&](std::size_t band) { return static_cast<std::uint32_t>(std::lround(v[band] * 255 / header.white)); };
+      const double white = header.isPremultiplied ? std::max(v[3], 1.0) : header.white;
+      const auto byte = [&](std::size_t band) {
+        return static_cast<std::uint32_t>(std::lround(std::min(v[band] / (band < 3 ? white : header.white), 1.0) * 255));
+      };
+      for (std::size_t band = 0; band < 3; ++band) brightest = std::max(brightest, v[band]);
       const bool isMissing = header.noData && std::all_of(v, v + 3, [&](double band) { return band == *header.noData; });
       const std::uint32_t alpha = isMissing ? 0 : header.hasAlpha ? byte(3) : 255;
       pixels.row(j)[i] = static_cast<std::int32_t>(byte(0) | byte(1) << 8 | byte(2) << 16 | alpha << 24);
     }
   }
+  if (header.white > 255 && brightest > 0 && brightest < header.white / 8)
+    return Error{name + ": its brightest pixel is " + text::rounded(brightest, 6) + " of " + text::rounded(header.white, 6) +
+                 ", nearly black: spread its values (gdal_translate -scale 0 " + text::rounded(brightest, 6) + " 0 255 -ot Byte)"};
   return {};
 }
 
@@ -137,7 +145,7 @@ Outcome<Drape> Drape::read(const std::filesystem::path& path, const RasterHeader
     if (!made) return Error{name + ": " + made.error().message};
     out.levels_.push_back(std::move(*made));
   }
-  if (auto pixels = readPixels(**file, out.levels_[0]); !pixels) return pixels.error();
+  if (auto pixels = readPixels(name, **file, out.levels_[0]); !pixels) return pixels.error();
   for (std::size_t level = 1; level < out.levels_.size(); ++level) halve(out.levels_[level - 1], out.levels_[level]);
   // By the map's samples, so that both lie together where the pitch is another than the file's.
   out.x_ = {shape.x.origin, (*map.easting - *header.easting) / *header.pitch, *map.pitch / *header.pitch / shape.x.steps()};

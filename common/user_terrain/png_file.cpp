@@ -1,4 +1,4 @@
-// The only includer of libpng. Reads a picture row by row; refuses interlaced ones, which have no rows.
+// The only includer of libpng. Reads a picture row by row; interlaced ones have none.
 
 #include <png.h>
 
@@ -32,9 +32,12 @@ class PngFile final : public RasterFile {
     png_set_user_limits(png_, 0x7fffffff, 0x7fffffff);
     png_set_chunk_malloc_max(png_, 8 << 20);
     if (!begin()) return broken();
+    header_.unread = besideIt(name_, false);
+    if (png_get_color_type(png_, info_) == PNG_COLOR_TYPE_GRAY_ALPHA || isPartlyTransparent_) header_.unread = "it has a mask (alpha)";
+    if (png_get_interlace_type(png_, info_) != PNG_INTERLACE_NONE) header_.unread = "it is interlaced";
+    if (!header_.unread.empty()) return {};
     if (png_get_color_type(png_, info_) != PNG_COLOR_TYPE_GRAY)
       return Error{name_ + ": the picture has colours; a height map has one channel, grey, of 8 or 16 bits"};
-    if (png_get_interlace_type(png_, info_) != PNG_INTERLACE_NONE) return Error{name_ + ": the picture is interlaced; save it without"};
     bytes_ = png_get_bit_depth(png_, info_) == 16 ? 2 : 1;
     header_.width = png_get_image_width(png_, info_);
     header_.height = png_get_image_height(png_, info_);
@@ -61,6 +64,7 @@ class PngFile final : public RasterFile {
     png_init_io(png_, file_);
     png_set_sig_bytes(png_, 8);
     png_read_info(png_, info_);
+    isPartlyTransparent_ = png_get_valid(png_, info_, PNG_INFO_tRNS) != 0;
     if (png_get_bit_depth(png_, info_) < 8) png_set_expand_gray_1_2_4_to_8(png_);
     png_read_update_info(png_, info_);
     return true;
@@ -78,6 +82,7 @@ class PngFile final : public RasterFile {
   png_infop info_ = nullptr;
   RasterHeader header_;
   std::size_t bytes_ = 1;
+  bool isPartlyTransparent_ = false;
   std::vector<unsigned char> row_;
   std::jmp_buf jump_;
   char message_[120] = "";

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <array>
-#include <cctype>
 #include <cmath>
 
 #include "common/terrain/raster.h"
@@ -51,6 +50,10 @@ Outcome<void> addRasterOption(std::string_view assignment, RasterOptions& o) {
       o.edge = Edge::kConstant, o.constant = *v;
     else
       return wrong("edge is clamp, mirror, repeat or a height in metres: how the ground continues beyond the map");
+  } else if (name == "missing") {
+    const auto v = text::number<double>(value);
+    if (!v) return wrong("missing is the value of samples that are missing, a number");
+    o.missing = v;
   } else if (name == "nodata") {
     const auto v = text::number<double>(value);
     if (value != "fill" && (!v || !isHeight(*v)))
@@ -84,17 +87,20 @@ Outcome<void> addRasterOption(std::string_view assignment, RasterOptions& o) {
     o.geographic = value == "geo";
   } else {
     return wrong(
-        "there is pitch=METRES, scale=NUMBER, offset=METRES, edge=clamp|mirror|repeat|METRES, nodata=METRES|fill, project=local, "
+        "there is pitch=METRES, scale=NUMBER, offset=METRES, edge=clamp|mirror|repeat|METRES, missing=VALUE, nodata=METRES|fill, "
+        "project=local, "
         "place=centre|geo, detail=TERRAIN:FACTOR[:PARTS], and for raw files size=COLUMNSxROWS, order=little|big, type=unsigned|signed");
   }
   return {};
 }
 
 bool isRasterName(std::string_view name) {
-  std::string lower(name);
-  std::ranges::transform(lower, lower.begin(), [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-  return std::ranges::any_of(std::array{".tif", ".tiff", ".png", ".asc", ".hgt", ".r16", ".raw"},
-                             [&](const char* end) { return lower.ends_with(end); });
+  static constexpr std::array kEndings{".tif",   ".tiff", ".png", ".asc",  ".hgt", ".r16", ".raw",  ".vrt",  ".geotiff",
+                                       ".gtiff", ".jp2",  ".j2k", ".img",  ".nc",  ".grd", ".exr",  ".pgm",  ".dt0",
+                                       ".dt1",   ".dt2",  ".dem", ".bil",  ".flt", ".ter", ".bt",   ".adf",  ".xyz",
+                                       ".gpkg",  ".kap",  ".rst", ".sdat", ".hdf", ".h5",  ".grib", ".grb2", ".gsb"};
+  const std::string lower = text::lower(name);
+  return std::ranges::any_of(kEndings, [&](const char* end) { return lower.ends_with(end); });
 }
 
 }  // namespace ridgecast::user_terrain

@@ -24,9 +24,10 @@ struct Detail {
 
 struct RasterOptions {
   std::optional<double> pitch;          // pitch=METRES between samples; default: a GeoTIFF's, otherwise 1
-  double scale = 1, offset = 0;         // scale=S offset=O: height = S * sample + O, metres
+  double scale = 1, offset = 0;         // scale=S offset=O: height = S * sample + O, metres; default: as the file says, which they replace
   Edge edge = Edge::kClamp;             // edge=clamp|mirror|repeat|METRES
   double constant = 0;                  // metres, beyond the edge
+  std::optional<double> missing;        // missing=VALUE of samples that are missing; default: as the file says
   std::optional<double> noData;         // nodata=METRES for missing samples; default: such a map is refused
   bool fill = false;                    // nodata=fill: from their neighbours (samples.h)
   bool project = false;                 // project=local: a map in degrees is laid on the plane that touches its middle (degrees.h)
@@ -42,7 +43,8 @@ struct RasterOptions {
 // Adds one assignment. Error: an unknown name or an invalid value; says what would be right.
 Outcome<void> addRasterOption(std::string_view assignment, RasterOptions& options);
 
-// Whether a file's name denotes a height map: .tif, .tiff, .png, .asc, .hgt, .r16 or .raw, in any case.
+// Whether a file's name denotes a height map, by its ending in any case: .tif, .tiff, .png, .asc, .hgt, .r16, .raw, and formats that GDAL's
+// programs read.
 bool isRasterName(std::string_view name);
 
 }  // namespace ridgecast::user_terrain

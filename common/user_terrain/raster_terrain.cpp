@@ -110,6 +110,8 @@ struct Missing {
 };
 Outcome<Missing> readSamples(const std::string& name, RasterFile& file, const RasterOptions& options, Samples& samples) {
   const RasterHeader& header = file.header();
+  const std::optional<double> noData = options.missing ? options.missing : header.noData;
+  const double scale = options.scale == 1 ? header.heightUnit : options.scale;
   Missing missing;
   std::vector<double> values(header.width);
   for (std::uint32_t z = 0; z < header.height; ++z) {
@@ -117,16 +119,17 @@ Outcome<Missing> readSamples(const std::string& name, RasterFile& file, const Ra
     const std::span<std::int32_t> row = samples.row(z);
     for (std::uint32_t x = 0; x < header.width; ++x) {
       const double v = values[x];
-      if (std::isnan(v) || (header.noData && v == *header.noData)) {
+      if (std::isnan(v) || (noData && v == *noData)) {
         if (missing.count++ == 0) missing.x = x, missing.z = z;
         row[x] = kMissing;
         continue;
       }
-      const double steps = std::floor((v * options.scale + options.offset) * lattice::kStepsPerMetre + 0.5);
+      const double steps = std::floor((v * scale + options.offset) * lattice::kStepsPerMetre + 0.5);
       if (!(std::abs(steps) <= terrain::kMaxSample))
         return Error{name + ": the sample at column " + std::to_string(x) + ", row " + std::to_string(z) + " is " +
-                     text::rounded(v * options.scale + options.offset, 6) +
-                     " m high; heights lie within 32,768 m of 0: correct --raster scale=, offset= or nodata="};
+                     text::rounded(v * scale + options.offset, 6) +
+                     " m high; heights lie within 32,768 m of 0: correct --raster scale= or offset=, or, where " + text::rounded(v, 9) +
+                     " says that a sample is missing, say missing=" + text::rounded(v, 9)};
       row[x] = static_cast<std::int32_t>(steps);
     }
   }
@@ -200,6 +203,7 @@ terrain::RasterOrigin originOf(const RasterHeader& header, const RasterOptions& 
   static constexpr std::array<const char*, 3> kEdges{"clamp", "mirror", "repeat"};
   terrain::RasterOrigin origin;
   origin.edge = options.edge == Edge::kConstant ? text::rounded(options.constant, 9) : kEdges.at(static_cast<std::size_t>(options.edge));
+  origin.read = header.read;
   if (header.epsg != 0) origin.crs = "EPSG:" + std::to_string(header.epsg);
   if (header.easting) {
     origin.easting = *header.easting + (shape.width - 1) * shape.x.metres() / 2;
@@ -273,7 +277,9 @@ Outcome<std::shared_ptr<const Map>> read(const std::filesystem::path& path, cons
   auto made =
       onPlane(name, *samples, *header.degrees, options.pitch, limits.inMemory - std::min(taken, limits.inMemory), limits.total - taken);
   if (!made) return made.error();
+  const std::string how = header.read;
   header = RasterHeader();
+  header.read = how;
   header.width = made->samples.width();
   header.height = made->samples.height();
   header.pitch = header.pitchDown = made->pitch;
@@ -387,7 +393,8 @@ std::string describe(const terrain::Raster& map) {
   if (origin.easting)
     out += ", middle at easting " + text::rounded(*origin.easting, 12) + ", northing " + text::rounded(*origin.northing, 12);
   out += ", edge " + origin.edge;
-  return origin.drape.empty() ? out : out + ", draped with " + origin.drape;
+  if (!origin.drape.empty()) out += ", draped with " + origin.drape;
+  return origin.read.empty() ? out : out + "; " + origin.read;
 }
 
 std::uint64_t bytesOfMaps() { return maps().bytes(); }

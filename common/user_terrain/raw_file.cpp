@@ -49,7 +49,7 @@ Outcome<void> checkClaim(const std::string& file, std::uint64_t width, std::uint
   if (width > 0xffffffffu || height > 0xffffffffu || width > kMostSamples / height)
     return Error{file + ": it claims " + claim + "; there are at most 2^32"};
   const std::uint64_t bytes = width * height * sampleBytes;
-  if (bytes / (packed ? kMostUnpacked : 1) > size)
+  if (packed ? bytes > kBelieved && bytes / kMostUnpacked > size : bytes > size)
     return Error{file + ": it claims " + claim + ", " + std::to_string(bytes) + " bytes, but the file has only " + std::to_string(size) +
                  "; it is cut off or broken"};
   if (width * sampleBytes > kMostRowBytes) return Error{file + ": a row of " + std::to_string(width) + " samples is too long to read"};
@@ -104,16 +104,38 @@ Outcome<std::unique_ptr<RasterFile>> openHgt(const std::filesystem::path& file, 
 
 Outcome<std::unique_ptr<RasterFile>> openRaster(const std::filesystem::path& file, const RasterOptions& options) {
   std::error_code failed;
+  if (std::filesystem::is_directory(file, failed)) return openByGdal(file, "it is a folder of maps", options, false);
   if (!std::filesystem::is_regular_file(file, failed) || failed) return Error{"there is no file " + file.string()};
   const std::uint64_t size = std::filesystem::file_size(file, failed);
   if (failed || !std::ifstream(file)) return Error{"cannot read " + file.string()};
-  const std::string name = file.filename().string();
-  const std::string ending = name.substr(name.rfind('.') + 1);
-  if (ending[0] == 't' || ending[0] == 'T') return openTiff(file, size, options);
-  if (ending[0] == 'a' || ending[0] == 'A') return openAsc(file, size);
-  if (ending[0] == 'h' || ending[0] == 'H') return openHgt(file, size, options);
-  if (ending[0] == 'p' || ending[0] == 'P') return openPng(file, size);
-  return openRaw(file, size, options);
+  const std::string ending = text::lower(file.extension().string());
+  Outcome<std::unique_ptr<RasterFile>> own = ending == ".tif" || ending == ".tiff" ? openTiff(file, size, options)
+                                             : ending == ".asc"                    ? openAsc(file, size, options)
+                                             : ending == ".hgt"                    ? openHgt(file, size, options)
+                                             : ending == ".png"                    ? openPng(file, size)
+                                             : ending == ".r16" || ending == ".raw"
+                                                 ? openRaw(file, size, options)
+                                                 : openByGdal(file, "it is no TIFF, PNG, ASCII grid or raw file", options, false);
+  if (!own || (*own)->header().unread.empty()) return own;
+  return openByGdal(file, (*own)->header().unread, options, false);
+}
+
+std::string besideIt(const std::filesystem::path& file, bool isPlaced) {
+  const auto exists = [](const std::filesystem::path& path) {
+    std::error_code failed;
+    return std::filesystem::is_regular_file(path, failed);
+  };
+  const std::string name = file.string(), bare = name.substr(0, name.size() - file.extension().string().size());
+  if (exists(name + ".msk")) return "a mask lies beside it (.msk)";
+  // Statistics, which programs leave there, change nothing.
+  if (const auto said = text::readFile(name + ".aux.xml", std::size_t{1} << 20))
+    for (const char* word : {"<GeoTransform", "<SRS", "<GCPList", "<NoDataValue", "<Offset", "<Scale", "<UnitType", "<MaskBand"})
+      if (said->size() > std::size_t{1} << 20 || said->find(word) != std::string::npos)
+        return "a file beside it says more of it (.aux.xml)";
+  if (isPlaced) return {};
+  for (const char* world : {".tfw", ".TFW", ".tifw", ".pgw", ".PGW", ".pngw", ".wld", ".WLD", ".prj", ".PRJ"})
+    if (exists(bare + world)) return std::string("a file beside it says where it lies (") + world + ")";
+  return {};
 }
 
 }  // namespace ridgecast::user_terrain

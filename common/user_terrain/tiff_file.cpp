@@ -1,6 +1,6 @@
 // The only includer of libtiff: TIFF and BigTIFF in strips or tiles, any packing that libtiff supports, one band of integers or floats, or
 // the bands of a picture; and the tags of a GeoTIFF (OGC 19-008r4: pixel scale 33550, tie point 33922, transformation 34264, keys 34735
-// with their doubles 34736) and of GDAL (NoData 42113).
+// with their doubles 34736) and of GDAL (NoData 42113, metadata 42112).
 
 #include <tiffio.h>
 
@@ -22,9 +22,10 @@ namespace ridgecast::user_terrain {
 namespace {
 
 constexpr std::uint32_t kPixelScale = 33550, kTiePoint = 33922, kTransformation = 34264, kGeoKeys = 34735, kGeoDoubles = 34736,
-                        kNoData = 42113;
-constexpr std::uint16_t kMetre = 9001, kFoot = 9002, kSurveyFoot = 9003, kDegree = 9102;  // EPSG's numbers of units
-constexpr std::uint16_t kOwn = 32767;                                                     // defined by the file
+                        kNoData = 42113, kMetadata = 42112;
+constexpr std::uint16_t kMetre = 9001, kFoot = 9002, kSurveyFoot = 9003, kDegree = 9102, kGreenwich = 8901;  // EPSG's numbers
+constexpr std::uint16_t kOwn = 32767;                                                                        // defined by the file
+constexpr int kMostPages = 64;                                                                               // looked at
 
 thread_local std::string complaint;  // libtiff's first error since it was last cleared
 
@@ -49,11 +50,12 @@ void keepWarning(const char*, const char* format, std::va_list arguments) {
 // libtiff must know the tags' types; otherwise a hostile file chooses them.
 void addTags(TIFF* tiff) {
   static char scale[] = "ModelPixelScale", tie[] = "ModelTiepoint", turn[] = "ModelTransformation", keys[] = "GeoKeyDirectory",
-              doubles[] = "GeoDoubleParams", none[] = "GDALNoData";
+              doubles[] = "GeoDoubleParams", none[] = "GDALNoData", more[] = "GDALMetadata";
   static const TIFFFieldInfo fields[] = {
       {kPixelScale, -1, -1, TIFF_DOUBLE, FIELD_CUSTOM, 1, 1, scale},    {kTiePoint, -1, -1, TIFF_DOUBLE, FIELD_CUSTOM, 1, 1, tie},
       {kTransformation, -1, -1, TIFF_DOUBLE, FIELD_CUSTOM, 1, 1, turn}, {kGeoDoubles, -1, -1, TIFF_DOUBLE, FIELD_CUSTOM, 1, 1, doubles},
       {kGeoKeys, -1, -1, TIFF_SHORT, FIELD_CUSTOM, 1, 1, keys},         {kNoData, -1, -1, TIFF_ASCII, FIELD_CUSTOM, 1, 0, none},
+      {kMetadata, -1, -1, TIFF_ASCII, FIELD_CUSTOM, 1, 0, more},
   };
   TIFFMergeFieldInfo(tiff, fields, std::size(fields));
 }
@@ -69,7 +71,8 @@ void setUpLibrary() {
 
 class TiffFile final : public RasterFile {
  public:
-  TiffFile(std::string name, bool isPicture) : name_(std::move(name)), isPicture_(isPicture) {}
+  // Plain: samples alone.
+  TiffFile(std::string name, bool isPicture, bool isPlain) : name_(std::move(name)), isPicture_(isPicture), isPlain_(isPlain) {}
   ~TiffFile() override {
     if (tiff_) TIFFClose(tiff_);
   }
@@ -83,6 +86,8 @@ class TiffFile final : public RasterFile {
     if (!tiff_) return broken("this is not a TIFF, or a broken one");
     if (!warning.empty())
       return Error{name_ + ": a part of what it says about itself cannot be read (" + warning + "); it is cut off or broken"};
+    if (!isPlain_)
+      if (auto pages = readPages(); !pages) return pages;
     std::uint16_t bits = 1, format = SAMPLEFORMAT_UINT, packing = COMPRESSION_NONE;
     TIFFGetField(tiff_, TIFFTAG_IMAGEWIDTH, &header_.width);
     TIFFGetField(tiff_, TIFFTAG_IMAGELENGTH, &header_.height);
@@ -93,11 +98,17 @@ class TiffFile final : public RasterFile {
     kind_ = format == SAMPLEFORMAT_IEEEFP ? Kind::kFloat : format == SAMPLEFORMAT_INT ? Kind::kSigned : Kind::kUnsigned;
     bytes_ = bits / 8u;
     pixelBytes_ = std::size_t{bytes_} * header_.bands;
+    if (!header_.unread.empty()) return {};
     if (auto fine = isPicture_ ? checkPixels(bits, packing) : checkSamples(bits, format); !fine) return fine;
+    if (!header_.unread.empty()) return {};
     if (auto fine = checkClaim(name_, header_.width, header_.height, pixelBytes_, size, packing != COMPRESSION_NONE); !fine) return fine;
     if (auto fine = checkPieces(size); !fine) return fine;
     if (!TIFFIsCODECConfigured(packing)) return Error{name_ + ": it is packed in a way that the installed libtiff does not unpack"};
+    if (isPlain_) return {};
     readNoData();
+    if (header_.unread.empty()) header_.unread = besideIt(name_, isPlaced());
+    if (header_.unread.empty() && !isPicture_ && options.scale == 1) header_.unread = saidByGdal();
+    if (!header_.unread.empty()) return {};
     return isPicture_ ? readPicturePlace() : readPlace(options);
   }
 
@@ -124,16 +135,55 @@ class TiffFile final : public RasterFile {
     return {name_ + ": " + what + (complaint.empty() ? "" : " (" + complaint + ")") + "; it is cut off or broken"};
   }
 
-  Outcome<void> checkSamples(unsigned bits, unsigned format) const {
-    if (header_.bands != 1)
+  // Reduced pages behind the map's are of no interest, others are.
+  Outcome<void> readPages() {
+    std::uint32_t kind = 0;
+    TIFFGetFieldDefaulted(tiff_, TIFFTAG_SUBFILETYPE, &kind);
+    if (kind & FILETYPE_REDUCEDIMAGE) header_.unread = "a reduced page stands before the map";
+    for (int page = 1; page < kMostPages && TIFFReadDirectory(tiff_) == 1; ++page) {
+      kind = 0;
+      TIFFGetFieldDefaulted(tiff_, TIFFTAG_SUBFILETYPE, &kind);
+      if (kind & FILETYPE_MASK)
+        header_.unread = "it has a mask";
+      else if (!(kind & FILETYPE_REDUCEDIMAGE) && header_.unread.empty())
+        return Error{name_ + ": it has several pages: take one of them (gdal_translate GTIFF_DIR:1:" + name_ + ")"};
+    }
+    if (TIFFSetDirectory(tiff_, 0) != 1) return broken("its first page cannot be read again");
+    return {};
+  }
+
+  bool isPlaced() const { return !tag<double>(kPixelScale).empty() || !tag<double>(kTransformation).empty(); }
+
+  // A scale, an offset or a unit other than metres, in GDAL's metadata.
+  std::string saidByGdal() const {
+    const char* text = nullptr;
+    if (TIFFGetField(tiff_, kMetadata, &text) != 1 || !text) return {};
+    const std::string_view said(text);
+    for (const std::string_view role : {"role=\"scale\"", "role=\"offset\"", "role=\"unittype\""})
+      for (std::size_t at = said.find(role); at != std::string_view::npos; at = said.find(role, at + 1)) {
+        const std::string_view value = said.substr(at + role.size(), 8);
+        if (role.find("unit") == std::string_view::npos ||
+            !(value.starts_with(">m<") || value.starts_with(">metre<") || value.starts_with(">meter<")))
+          return "its samples have a scale, an offset or a unit of their own";
+      }
+    return {};
+  }
+
+  Outcome<void> checkSamples(unsigned bits, unsigned format) {
+    std::uint16_t extras = 0;
+    const std::uint16_t* extra = nullptr;
+    TIFFGetFieldDefaulted(tiff_, TIFFTAG_EXTRASAMPLES, &extras, &extra);
+    if (header_.bands == 2 && extras == 1 && extra[0] != EXTRASAMPLE_UNSPECIFIED && header_.unread.empty())
+      header_.unread = "it has a mask (alpha)";
+    if (header_.bands != 1 && header_.unread.empty())
       return Error{name_ + ": it has " + std::to_string(header_.bands) +
                    " bands; a height map has one (gdal_translate -b 1 takes the first)"};
     const bool isFloat = format == SAMPLEFORMAT_IEEEFP && (bits == 32 || bits == 64);
     const bool isInteger = (format == SAMPLEFORMAT_UINT || format == SAMPLEFORMAT_INT || format == SAMPLEFORMAT_VOID) &&
                            (bits == 8 || bits == 16 || bits == 32);
-    if (isFloat || isInteger) return {};
-    return Error{name_ + ": its samples have " + std::to_string(bits) +
-                 " bits of a kind that heights are not read from; integers of 8, 16 or 32 bits are, and floats of 32 or 64"};
+    if (!isFloat && !isInteger && header_.unread.empty())
+      header_.unread = "its samples have " + std::to_string(bits) + " bits of another kind";
+    return {};
   }
 
   Outcome<void> checkPixels(unsigned bits, unsigned packing) {
@@ -154,6 +204,7 @@ class TiffFile final : public RasterFile {
       return Error{name_ + ": its bands are stored one after another, not by pixel: gdal_translate -co INTERLEAVE=PIXEL"};
     TIFFGetFieldDefaulted(tiff_, TIFFTAG_EXTRASAMPLES, &extras, &extra);
     header_.hasAlpha = extras == 1 && extra[0] != EXTRASAMPLE_UNSPECIFIED;
+    header_.isPremultiplied = header_.hasAlpha && extra[0] == EXTRASAMPLE_ASSOCALPHA;
     header_.white = bits == 8 ? 255 : 65535;
     return {};
   }
@@ -228,8 +279,9 @@ class TiffFile final : public RasterFile {
 
   // The values of the keys that matter here; as OGC 19-008r4 names them.
   struct Keys {
-    std::uint16_t modelType = 0, rasterType = 1, projection = 0, angularUnit = kDegree, linearUnit = kMetre, heightUnit = kMetre;
-    double linearUnitSize = 0;  // metres, of a unit of the file's own
+    std::uint16_t modelType = 0, rasterType = 1, projection = 0, geographic = 0, meridian = 0, method = 0, angularUnit = kDegree,
+                  linearUnit = 0, heights = 0, heightUnit = 0;  // 0: not said
+    double linearUnitSize = 0;                                  // metres, of a unit of the file's own
   };
   Keys readKeys() const {
     Keys out;
@@ -241,9 +293,13 @@ class TiffFile final : public RasterFile {
       if (where != 0) continue;
       if (keys[k] == 1024) out.modelType = value;
       if (keys[k] == 1025) out.rasterType = value;
+      if (keys[k] == 2048) out.geographic = value;
+      if (keys[k] == 2051) out.meridian = value;
       if (keys[k] == 2054) out.angularUnit = value;
       if (keys[k] == 3072) out.projection = value;
+      if (keys[k] == 3075) out.method = value;
       if (keys[k] == 3076) out.linearUnit = value;
+      if (keys[k] == 4096) out.heights = value;
       if (keys[k] == 4099) out.heightUnit = value;
     }
     return out;
@@ -252,6 +308,7 @@ class TiffFile final : public RasterFile {
   // Metres in the file's unit; empty: unknown.
   static std::optional<double> metresIn(const Keys& keys) {
     switch (keys.linearUnit) {
+      case 0:
       case kMetre:
         return 1.0;
       case kFoot:
@@ -264,6 +321,42 @@ class TiffFile final : public RasterFile {
         if (keys.linearUnitSize > 0) return keys.linearUnitSize;
     }
     return std::nullopt;
+  }
+
+  // Metres in the unit of its heights; empty: unknown.
+  static std::optional<double> heightUnitOf(const Keys& keys) {
+    switch (keys.heightUnit != 0 ? keys.heightUnit : keys.heights) {
+      case kFoot:
+      case 8228:  // NAVD88
+        return 0.3048;
+      case kSurveyFoot:
+      case 6360:  // NAVD88
+      case 5702:  // NGVD29
+        return 12 / 39.37;
+      case 0:
+      case kMetre:
+      case 3855:  // EGM2008
+      case 5703:  // NAVD88
+      case 5773:  // EGM96
+        return 1;
+      default:
+        return std::nullopt;
+    }
+  }
+
+  // CRS that are not in metres on the ground, or count longitudes from elsewhere, or may.
+  static std::string unknownPlace(const Keys& keys) {
+    if (keys.modelType == 2) {
+      const bool isKnown =
+          keys.geographic == 4326 || keys.geographic == 4258 || keys.geographic == 4269 || keys.geographic == 4979 || keys.geographic == 0;
+      return isKnown && (keys.meridian == 0 || keys.meridian == kGreenwich) ? "" : "its geographic CRS is not known here";
+    }
+    constexpr std::uint16_t kMercator = 7;
+    if (keys.projection == 3857 || keys.projection == 3785 || keys.projection == 3395 || keys.method == kMercator)
+      return "it is in a Mercator projection";
+    const auto between = [&](std::uint16_t low, std::uint16_t high) { return keys.projection >= low && keys.projection <= high; };
+    const bool isUtm = between(32601, 32660) || between(32701, 32760) || between(25828, 25838) || between(26901, 26923);
+    return keys.projection == 0 || keys.linearUnit != 0 || isUtm ? "" : "it does not say in which unit its CRS is";
   }
 
   // Pixels to the file's unit: x east, y north. (0, 0) is the first pixel's corner, or its middle where pixels are points.
@@ -313,10 +406,12 @@ class TiffFile final : public RasterFile {
   Outcome<void> readPlace(const RasterOptions& options) {
     const Keys keys = readKeys();
     if (keys.projection != kOwn) header_.epsg = keys.projection;
-    if (keys.heightUnit == kFoot || keys.heightUnit == kSurveyFoot)
-      if (options.scale == 1)
-        return Error{name_ +
-                     ": its heights are in feet, not metres: say --raster scale=" + (keys.heightUnit == kFoot ? "0.3048" : "0.3048006")};
+    if (const auto unit = heightUnitOf(keys))
+      header_.heightUnit = *unit;
+    else if (options.scale == 1)
+      header_.unread = "its heights are in a unit that is not known here";
+    if (header_.unread.empty() && !options.pitch) header_.unread = unknownPlace(keys);
+    if (!header_.unread.empty()) return {};
     const auto grid = readGrid(options);
     if (!grid) return grid.error();
     if (!*grid) return {};
@@ -350,7 +445,7 @@ class TiffFile final : public RasterFile {
   }
 
   std::string name_;
-  bool isPicture_;
+  bool isPicture_, isPlain_;
   TIFF* tiff_ = nullptr;
   RasterHeader header_;
   Kind kind_ = Kind::kUnsigned;
@@ -362,7 +457,7 @@ class TiffFile final : public RasterFile {
 }  // namespace
 
 Outcome<std::unique_ptr<RasterFile>> openTiff(const std::filesystem::path& file, std::uint64_t size, const RasterOptions& options) {
-  auto tiff = std::make_unique<TiffFile>(file.string(), false);
+  auto tiff = std::make_unique<TiffFile>(file.string(), false, false);
   if (auto opened = tiff->open(size, options); !opened) return opened.error();
   return std::unique_ptr<RasterFile>(std::move(tiff));
 }
@@ -370,7 +465,15 @@ Outcome<std::unique_ptr<RasterFile>> openTiff(const std::filesystem::path& file,
 Outcome<std::unique_ptr<RasterFile>> openPicture(const std::filesystem::path& file) {
   std::error_code failed;
   if (!std::filesystem::is_regular_file(file, failed) || failed) return Error{"there is no file " + file.string()};
-  auto tiff = std::make_unique<TiffFile>(file.string(), true);
+  auto tiff = std::make_unique<TiffFile>(file.string(), true, false);
+  if (auto opened = tiff->open(std::filesystem::file_size(file, failed), {}); !opened) return opened.error();
+  if (const std::string& unread = tiff->header().unread; !unread.empty()) return openByGdal(file, unread, {}, true);
+  return std::unique_ptr<RasterFile>(std::move(tiff));
+}
+
+Outcome<std::unique_ptr<RasterFile>> openPlain(const std::filesystem::path& file, bool isPicture) {
+  std::error_code failed;
+  auto tiff = std::make_unique<TiffFile>(file.string(), isPicture, true);
   if (auto opened = tiff->open(std::filesystem::file_size(file, failed), {}); !opened) return opened.error();
   return std::unique_ptr<RasterFile>(std::move(tiff));
 }

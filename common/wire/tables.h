@@ -59,7 +59,8 @@ inline constexpr Valid kLeaf{"a valid address", [](const pb::LeafAddress& a) {
   return a.level() <= std::uint32_t{lattice::kMaxLevel} && lattice::addressIsValid({static_cast<std::int32_t>(a.level()), a.i(), a.j()});
 }};
 inline constexpr auto kPitch = Range{terrain::kMinPitch, terrain::kMaxPitch, "parts"};  // of a step, 2^20 of them
-inline constexpr std::int64_t kMaxTile = 2 * lattice::kMaxPosition / (std::int64_t{terrain::kMinPitch >> terrain::kPitchBits} << terrain::kTileBits) + 1;
+inline constexpr std::int64_t kMaxTile =
+    2 * lattice::kMaxPosition / (std::int64_t{terrain::kMinPitch >> terrain::kPitchBits} << terrain::kTileBits) + 1;
 inline constexpr auto kTilePlace = Range{-kMaxTile, kMaxTile, "", "on the lattice, or one beyond it"};
 
 // ---- both ways ----

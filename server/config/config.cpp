@@ -71,17 +71,15 @@ void addSeconds(CLI::App& app, const char* flag, std::chrono::milliseconds& valu
 
 void addTerrain(CLI::App& app, Written& w) {
   Config& c = w.config;
-  app.add_option(
-         "--terrain", c.terrain.terrain,
-         "Terrain of the default session: a name, a terrain file NAME.glsl, or a height map NAME.tif, .png, .asc, .hgt, .r16 or .raw")
+  app.add_option("--terrain", c.terrain.terrain,
+                 "Terrain of the default session: a name, a terrain file NAME.glsl, or a height map, such as NAME.tif, or a folder of them")
       ->capture_default_str();
   app.add_option("--seed", c.terrain.seed, "Seed of that terrain")->capture_default_str();
   addList(app, "--param", w.parameters, "NAME=NUMBER", "Set a parameter of the terrain, NAME=NUMBER; repeatable");
   addList(app, "--raster", w.raster, "NAME=VALUE",
           "How to read a height map, NAME=VALUE; repeatable: pitch=METRES, scale=NUMBER, offset=METRES, "
-          "edge=clamp|mirror|repeat|METRES, nodata=METRES|fill, place=centre|geo, project=local; raw files: size=COLUMNSxROWS, "
-          "order=little|big, "
-          "type=unsigned|signed");
+          "edge=clamp|mirror|repeat|METRES, missing=VALUE, nodata=METRES|fill, place=centre|geo, project=local; raw files: "
+          "size=COLUMNSxROWS, order=little|big, type=unsigned|signed");
   app.add_option("--drape", c.terrain.raster.drape, "Picture on a height map: a GeoTIFF of red, green and blue in the map's CRS")
       ->type_name("FILE");
   app.add_option("--terrain-dir", c.terrain.folder, "Folder of terrain files NAME.glsl, each available as NAME")->type_name("DIR");

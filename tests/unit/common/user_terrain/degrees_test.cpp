@@ -131,7 +131,7 @@ TEST_F(DegreesTest, BrokenAsciiGridsGiveAMessage) {
            {"1 2 3", "this is not an ASCII grid"},
            {"ncols x\n", "'ncols x' does not belong"},
            {"ncols 3\nncols 3\n", "'ncols 3' does not belong"},
-           {"dx 3\n", "'dx 3' does not belong"},
+           {"depth 3\n", "'depth 3' does not belong"},
            {"ncols 3.5\nnrows 2\ncellsize 1\n1", "this is not an ASCII grid"},
            {"ncols 3\nnrows 2\ncellsize -1\n1", "this is not an ASCII grid"},
            {"ncols 1000000\nnrows 1000000\ncellsize 1\n1", "it claims 1000000 x 1000000 samples"},

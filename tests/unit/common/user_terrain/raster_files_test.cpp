@@ -220,12 +220,16 @@ TEST_F(RasterFiles, SamplesLieWhereTheFileSaysThroughout) {
   EXPECT_THAT(describe(*load(file("map.tif"))->raster()), HasSubstr("3000 x 2000 samples, 0.5 x 2 m apart (1499.5 x 3998 m)"));
 }
 
-TEST_F(RasterFiles, HeightsInFeetAreRefusedUntilAScaleIsGiven) {
+TEST_F(RasterFiles, HeightsInFeetAreConvertedUnlessAScaleIsGiven) {
+  const auto corner = [&](const std::vector<std::string>& options) {
+    const auto terrain = load(file("map.tif"), options);
+    return terrain ? terrain->height({-25 * 30 * 256, -20 * 30 * 256}) : 0;
+  };
   tiff("map.tif", {.keys = {1024, 1, 3076, 9001, 4099, 9003}, .sample = bumpy});
-  EXPECT_THAT(complaint(file("map.tif")), HasSubstr("its heights are in feet, not metres: say --raster scale=0.3048"));
-  const auto terrain = load(file("map.tif"), {"scale=0.3048"});
-  ASSERT_TRUE(terrain);
-  EXPECT_NEAR(terrain->height({-25 * 30 * 256, -20 * 30 * 256}), 700 * 0.3048, 0.004);
+  EXPECT_NEAR(corner({}), 700 * 12 / 39.37, 0.004);
+  EXPECT_NEAR(corner({"scale=0.5"}), 350, 0.004);
+  tiff("map.tif", {.keys = {1024, 1, 3076, 9001, 4099, 9002}, .sample = bumpy});
+  EXPECT_NEAR(corner({}), 700 * 0.3048, 0.004);
   tiff("map.tif", {.keys = {1024, 1, 4099, 9001}, .sample = bumpy});
   EXPECT_TRUE(load(file("map.tif")));
 }

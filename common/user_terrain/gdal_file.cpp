@@ -1,0 +1,359 @@
+// Height maps and pictures that GDAL's programs read for us, from Debian's package gdal-bin: what their own readers here do not read
+// completely, and all other formats. gdalinfo says what is in the file, gdal_translate writes its samples and what it masks as plain TIFFs.
+// They run with limits, may open no address on a network, and the files they read lie in the map's folder.
+
+#include <algorithm>
+#include <cmath>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include <nlohmann/json.hpp>
+
+#include "common/text/text.h"
+#include "common/user_terrain/child.h"
+#include "common/user_terrain/raster_file.h"
+#include "common/user_terrain/scratch.h"
+
+namespace ridgecast::user_terrain {
+namespace {
+
+using Json = nlohmann::json;
+using std::filesystem::path;
+
+constexpr std::size_t kMostFilesOfFolder = 4096;
+constexpr std::size_t kMostVirtual = std::size_t{16} << 20;
+constexpr int kMostMegabytes = 256;  // of GDAL's cache
+
+// Drivers that ask a server for what a small file names.
+constexpr const char* kSkipped =
+    "WCS,WMS,WMTS,HTTP,DAAS,EEDA,EEDAI,NGW,OGCAPI,PLMOSAIC,PLSCENES,STACIT,STACTA,PostGISRaster,Rasterlite,MBTiles,KEA,Zarr,PDF";
+
+struct Unit {
+  std::string_view name;
+  double metres;
+};
+std::optional<double> metresIn(std::string_view name) {
+  static constexpr Unit kUnits[] = {{"", 1},          {"m", 1},         {"unspecified", 1},    {"metre", 1},
+                                    {"metres", 1},    {"meter", 1},     {"meters", 1},         {"km", 1000},
+                                    {"cm", 0.01},     {"dm", 0.1},      {"mm", 0.001},         {"ft", 0.3048},
+                                    {"foot", 0.3048}, {"feet", 0.3048}, {"us-ft", 12 / 39.37}, {"US survey foot", 12 / 39.37}};
+  for (const Unit& unit : kUnits)
+    if (unit.name == name) return unit.metres;
+  return std::nullopt;
+}
+
+class Tools {
+ public:
+  static Outcome<Tools> find(const std::string& name, const std::string& why) {
+    Tools out;
+    for (const char* program : {"gdalinfo", "gdal_translate", "gdalsrsinfo", "gdalbuildvrt"}) {
+      auto found = findProgram(program);
+      if (!found) return Error{name + ": " + why + ", which GDAL's programs read: install the package gdal-bin"};
+      out.folder_ = found->parent_path();
+    }
+    auto scratch = Scratch::create();
+    if (!scratch) return scratch.error();
+    out.scratch_.emplace(std::move(*scratch));
+    return out;
+  }
+
+  path file(const char* name) const { return scratch_->path() / name; }
+
+  // What the program prints. Error: the first thing that it complained of.
+  Outcome<std::string> run(const char* program, std::vector<std::string> arguments, std::uint64_t mostBytes = 1 << 20) const {
+    const path log = file("log");
+    for (const auto& [key, value] : {std::pair<std::string, std::string>{"CPL_LOG", log.string()},
+                                     {"GDAL_SKIP", kSkipped},
+                                     {"GDAL_CACHEMAX", std::to_string(kMostMegabytes)},
+                                     {"GDAL_MAX_DATASET_POOL_SIZE", "64"},
+                                     {"CPL_VSIL_CURL_ALLOWED_FILENAME", "none"},
+                                     {"GDAL_HTTP_PROXY", "127.0.0.1:9"},
+                                     {"GDAL_HTTP_TIMEOUT", "1"},
+                                     {"GDAL_DISABLE_READDIR_ON_OPEN", "FALSE"}})
+      arguments.insert(arguments.end(), {"--config", key, value});
+    ChildLimits limits;
+    limits.time = std::chrono::seconds(600);
+    limits.fileSize = mostBytes + (std::uint64_t{16} << 20);
+    const auto ended = runChild(folder_ / program, arguments, limits);
+    if (!ended) return ended.error();
+    const auto complained = text::readFile(log, 4096);
+    std::error_code ignored;
+    std::filesystem::remove(log, ignored);
+    if (ended->status == 0) return {boost::system::in_place_value, ended->output};
+    if (ended->timedOut) return Error{std::string(program) + " took longer than 10 minutes"};
+    std::string first = complained && !complained->empty() ? *complained : ended->output;
+    if (const std::size_t at = first.find("ERROR "); at != std::string::npos) first = first.substr(first.find(": ", at) + 2);
+    first = first.substr(0, std::min<std::size_t>(first.find('\n'), 300));
+    return Error{first.empty() ? std::string(program) + " ended with status " + std::to_string(ended->status) : first};
+  }
+
+  std::optional<Scratch> takeScratch() { return std::exchange(scratch_, std::nullopt); }
+
+ private:
+  path folder_;
+  std::optional<Scratch> scratch_;
+};
+
+// Rows of the samples, missing where the mask is 0: of a picture transparent.
+class GdalFile final : public RasterFile {
+ public:
+  GdalFile(Scratch scratch, RasterHeader header, std::unique_ptr<RasterFile> samples, std::unique_ptr<RasterFile> mask, double opaque)
+      : scratch_(std::move(scratch)), header_(std::move(header)), samples_(std::move(samples)), mask_(std::move(mask)), opaque_(opaque) {
+    known_.resize(mask_ ? header_.width : 0);
+    own_.resize(std::size_t{header_.width} * samples_->header().bands);
+  }
+  const RasterHeader& header() const override { return header_; }
+  Outcome<void> row(std::span<double> out) override {
+    if (auto read = samples_->row(own_); !read) return read;
+    if (mask_)
+      if (auto read = mask_->row(known_); !read) return read;
+    const std::size_t bands = samples_->header().bands;
+    for (std::size_t k = 0; k < header_.width; ++k) {
+      std::copy_n(&own_[k * bands], bands, &out[k * header_.bands]);
+      if (header_.hasAlpha)
+        out[k * header_.bands + bands] = mask_ ? known_[k] * header_.white / opaque_ : header_.white;
+      else if (mask_ && known_[k] == 0)
+        out[k] = std::nan("");
+    }
+    return {};
+  }
+
+ private:
+  Scratch scratch_;
+  RasterHeader header_;
+  std::unique_ptr<RasterFile> samples_, mask_;
+  double opaque_;
+  std::vector<double> own_, known_;
+};
+
+class Reading {
+ public:
+  Reading(const path& file, std::string why, const RasterOptions& options, bool isPicture, Tools tools)
+      : file_(file), name_(file.string()), why_(std::move(why)), options_(options), isPicture_(isPicture), tools_(std::move(tools)) {}
+
+  Outcome<std::unique_ptr<RasterFile>> open() {
+    if (auto made = mosaic(); !made) return made.error();
+    const auto printed = tools_.run("gdalinfo", {"-json", source_.string()});
+    if (!printed) return Error{name_ + ": GDAL cannot read it (" + printed.error().message + ")"};
+    info_ = Json::parse(*printed, nullptr, false);
+    if (!info_.is_object() || !info_.contains("bands") || !info_.contains("size"))
+      return Error{name_ + ": GDAL's programs describe it in a way that is not understood"};
+    if (auto fine = judgeFiles(); !fine) return fine.error();
+    if (auto fine = judgeBands(); !fine) return fine.error();
+    if (auto fine = readPlace(); !fine) return fine.error();
+    return translated();
+  }
+
+ private:
+  Error error(const std::string& what) const { return {name_ + ": " + what}; }
+
+  // A folder of maps side by side.
+  Outcome<void> mosaic() {
+    source_ = file_;
+    std::error_code failed;
+    if (!std::filesystem::is_directory(file_, failed)) return {};
+    std::vector<std::string> files;
+    for (const auto& entry : std::filesystem::directory_iterator(file_, failed))
+      if (entry.is_regular_file(failed) && isRasterName(entry.path().string()))
+        files.push_back(std::filesystem::absolute(entry.path()).string());
+    if (files.empty()) return error("there is no height map in this folder");
+    if (files.size() > kMostFilesOfFolder)
+      return error("there are more than 4,096 height maps in this folder: make one of them (gdalbuildvrt)");
+    std::ranges::sort(files);
+    source_ = tools_.file("mosaic.vrt");
+    std::vector<std::string> arguments{"-q", "-strict", source_.string()};
+    arguments.insert(arguments.end(), files.begin(), files.end());
+    const auto made = tools_.run("gdalbuildvrt", arguments);
+    if (!made) return error("GDAL cannot lay its maps side by side (" + made.error().message + ")");
+    said_ = std::to_string(files.size()) + " files";
+    return {};
+  }
+
+  // Nothing is read that the map's folder does not have.
+  Outcome<void> judgeFiles() const {
+    std::error_code failed;
+    const path home =
+        std::filesystem::weakly_canonical(std::filesystem::is_directory(file_, failed) ? file_ : file_.parent_path() / ".", failed);
+    for (const Json& entry : info_.value("files", Json::array())) {
+      const std::string other = entry.get<std::string>();
+      if (other == source_.string()) continue;
+      const path at = std::filesystem::weakly_canonical(other, failed);
+      const auto [end, ignored] = std::mismatch(home.begin(), home.end(), at.begin(), at.end());
+      const bool isInside = end == home.end() || (std::next(end) == home.end() && end->empty());
+      if (failed || other.starts_with("/vsi") || !isInside)
+        return error("it reads " + other + ", which is not in its folder: put what it needs there");
+      if (auto fine = judgeVirtual(at); !fine) return fine;
+    }
+    return std::filesystem::is_directory(file_, failed) ? Outcome<void>() : judgeVirtual(file_);
+  }
+
+  // A virtual map also names what is no file, such as NETCDF:"x.nc":height, and such is not listed.
+  Outcome<void> judgeVirtual(const path& file) const {
+    const auto text = text::readFile(file, kMostVirtual);
+    if (!text || text->find("<VRTDataset") > 1000) return {};
+    if (text->size() > kMostVirtual) return error(file.filename().string() + " is longer than 16 MiB, too long for a virtual map");
+    for (const std::string_view tag : {"<SourceFilename", "<SourceDataset", "<SrcDSName"})
+      for (std::size_t at = text->find(tag); at != std::string::npos; at = text->find(tag, at + 1)) {
+        const std::size_t begin = text->find('>', at) + 1;
+        const std::string name = text->substr(begin, std::min(text->find('<', begin) - begin, std::size_t{200}));
+        if (name.find(':') != std::string::npos || name.starts_with("/vsi"))
+          return error("it reads " + name + ", which is not in its folder: put what it needs there");
+      }
+    return {};
+  }
+
+  Outcome<void> judgeBands() {
+    header_.width = info_["size"].at(0).get<std::uint32_t>();
+    header_.height = info_["size"].at(1).get<std::uint32_t>();
+    std::size_t colours = 0;
+    for (std::size_t k = 0; k < info_["bands"].size(); ++k)
+      if (info_["bands"][k].value("colorInterpretation", "") == "Alpha")
+        alpha_ = std::to_string(k + 1);
+      else
+        ++colours;
+    const Json& first = info_["bands"].empty() ? Json() : info_["bands"][0];
+    const std::size_t wanted = isPicture_ ? 3 : 1;
+    if (colours != wanted)
+      return error("it has " + std::to_string(colours) + " bands; " +
+                   (isPicture_ ? "a picture has red, green and blue (gdal_translate -expand rgb makes them of a palette)"
+                               : "a height map has one (gdal_translate -b 1 takes the first)"));
+    const std::string type = first.value("type", ""), meaning = first.value("colorInterpretation", "");
+    if (type.starts_with("C")) return error("its samples are complex numbers, not heights");
+    if (isPicture_ && type != "Byte" && type != "UInt16")
+      return error("its bands are of type " + type + "; a picture has 8 or 16 bits each");
+    if (!isPicture_ && meaning == "Palette") return error("its samples are colours of a palette, not heights");
+    if (auto fine = checkClaim(name_, header_.width, header_.height, 1, ~std::uint64_t{0}, false); !fine) return fine;
+    const double scale = first.value("scale", 1.0), offset = first.value("offset", 0.0);
+    isScaled_ = !isPicture_ && (scale != 1 || offset != 0);
+    isWide_ = isScaled_ || type == "Float64" || type == "Int32" || type == "UInt32" || type.ends_with("64");
+    isMasked_ = !alpha_.empty() || first.contains("noDataValue");
+    if (!alpha_.empty() && first.value("noDataValue", Json()).is_number()) header_.noData = first["noDataValue"].get<double>();
+    if (first.contains("mask"))
+      for (const Json& flag : first["mask"].value("flags", Json::array())) isMasked_ = isMasked_ || flag != "ALL_VALID";
+    if (options_.missing) isMasked_ = false;
+    header_.bands = isPicture_ ? 4 : 1;
+    header_.hasAlpha = isPicture_;
+    header_.white = type == "UInt16" ? 65535 : 255;
+    if (isPicture_) return {};
+    const std::string unit = first.value("unit", "");
+    const auto metres = metresIn(unit);
+    if (!metres && options_.scale == 1)
+      return error("its heights are in \"" + unit + "\": say how many metres that is with --raster scale=");
+    header_.heightUnit = metres.value_or(1);
+    if (header_.heightUnit != 1) say(unit + " to metres");
+    if (isScaled_) say("scale " + text::rounded(scale, 9) + ", offset " + text::rounded(offset, 9));
+    if (isMasked_ && (!alpha_.empty() || !first.contains("noDataValue"))) say("mask");
+    return {};
+  }
+
+  Outcome<void> readPlace() {
+    const Json grid = info_.value("geoTransform", Json());
+    if (!grid.is_array()) return {};
+    const double west = grid.at(0), across = grid.at(1), north = grid.at(3), down = -grid.at(5).get<double>();
+    if (grid.at(2) != 0.0 || grid.at(4) != 0.0 || !(across > 0) || !(down > 0))
+      return error("its rows do not run east and its columns south: turn it (gdalwarp)");
+    std::string proj;
+    if (info_.contains("coordinateSystem") && !info_["coordinateSystem"].value("wkt", "").empty())
+      if (const auto printed = tools_.run("gdalsrsinfo", {"--single-line", "-o", "proj4", source_.string()})) proj = *printed;
+    const auto value = [&](std::string_view key) -> std::string {
+      const std::size_t at = proj.find("+" + std::string(key) + "=");
+      if (at == std::string::npos) return {};
+      const std::size_t begin = at + key.size() + 2;
+      return proj.substr(begin, std::min(proj.find_first_of(" \n", begin), proj.size()) - begin);
+    };
+    if (const Json epsg = info_.value("stac", Json::object()).value("proj:epsg", Json()); epsg.is_number_unsigned() && epsg < 65536)
+      header_.epsg = epsg.get<std::uint16_t>();
+    if (value("proj") == "longlat") {
+      if (!value("pm").empty()) return error("its longitudes do not count from Greenwich: gdalwarp -t_srs EPSG:4326 makes them");
+      if (std::abs(west) <= 360 && std::abs(north) <= 90.5) header_.degrees = DegreeGrid{west + across / 2, north - down / 2, across, down};
+      return {};
+    }
+    if (value("proj") == "merc" && !options_.pitch) {
+      return error("it is in a Mercator projection, whose metres are not those on the ground: project it (gdalwarp -t_srs " + zone() + ")");
+    }
+    const std::string toMetre = value("to_meter"), units = value("units");
+    const auto unit = toMetre.empty() ? metresIn(units) : text::number<double>(toMetre);
+    if (!unit) return error("its lengths are in \"" + units + "\": project it to metres (gdalwarp -t_srs), or say --raster pitch=METRES");
+    if (*unit != 1) say("lengths in " + (units.empty() ? toMetre + " m" : units));
+    header_.pitch = across * *unit;
+    header_.pitchDown = down * *unit;
+    header_.easting = (west + across / 2) * *unit;
+    header_.northing = (north - down / 2) * *unit;
+    return {};
+  }
+
+  std::string zone() const {
+    const Json corners = info_.value("wgs84Extent", Json::object()).value("coordinates", Json::array());
+    if (corners.empty() || corners[0].empty()) return "to metres";
+    const double longitude = corners[0][0].at(0), latitude = corners[0][0].at(1);
+    return "EPSG:" + std::to_string(utmZone(longitude, latitude));
+  }
+
+  Outcome<std::unique_ptr<RasterFile>> translated() {
+    const path samples = tools_.file("samples.tif"), mask = tools_.file("mask.tif");
+    const std::uint64_t bytes = std::uint64_t{header_.width} * header_.height *
+                                (isPicture_ ? 3 * (header_.white > 255 ? 2 : 1)
+                                 : isWide_  ? 8
+                                            : 4);
+    std::vector<std::string> arguments{
+        "-q",    "-of",  "GTiff", "-co", "PROFILE=BASELINE", "-co", "BIGTIFF=IF_SAFER", "-co", "INTERLEAVE=PIXEL", "-a_nodata", "none",
+        "-mask", "none", "-b",    "1"};
+    if (isPicture_)
+      arguments.insert(arguments.end(), {"-b", "2", "-b", "3", "-co", "PHOTOMETRIC=RGB", "-colorinterp", "red,green,blue"});
+    else
+      arguments.insert(arguments.end(), {"-ot", isWide_ ? "Float64" : "Float32"});
+    if (isScaled_ && options_.scale == 1 && options_.offset == 0) arguments.push_back("-unscale");
+    arguments.insert(arguments.end(), {source_.string(), samples.string()});
+    if (auto made = tools_.run("gdal_translate", arguments, bytes); !made)
+      return error("GDAL cannot read it (" + made.error().message + ")");
+    if (isMasked_)
+      if (auto made = tools_.run("gdal_translate",
+                                 {"-q", "-of", "GTiff", "-co", "PROFILE=BASELINE", "-co", "BIGTIFF=IF_SAFER", "-b",
+                                  alpha_.empty() ? "mask" : alpha_, "-a_nodata", "none", source_.string(), mask.string()},
+                                 bytes);
+          !made)
+        return error("GDAL cannot read its mask (" + made.error().message + ")");
+    auto own = openPlain(samples, isPicture_);
+    if (!own) return error("GDAL's programs wrote what cannot be read (" + own.error().message + ")");
+    std::unique_ptr<RasterFile> known;
+    if (isMasked_) {
+      auto opened = openPlain(mask, false);
+      if (!opened) return error("GDAL's programs wrote a mask that cannot be read (" + opened.error().message + ")");
+      known = std::move(*opened);
+    }
+    const double opaque = alpha_.empty() ? 255 : header_.white;
+    header_.read = "read by GDAL as " + info_.value("driverShortName", std::string("?")) + (said_.empty() ? "" : ": " + said_);
+    return std::unique_ptr<RasterFile>(
+        std::make_unique<GdalFile>(std::move(*tools_.takeScratch()), std::move(header_), std::move(*own), std::move(known), opaque));
+  }
+
+  void say(const std::string& what) { said_.append(said_.empty() ? "" : ", ").append(what); }
+
+  const path file_;
+  const std::string name_, why_;
+  const RasterOptions& options_;
+  const bool isPicture_;
+  Tools tools_;
+  path source_;  // the file, or a mosaic of a folder
+  Json info_;
+  RasterHeader header_;
+  std::string said_;
+  std::string alpha_;  // the band's number; empty: there is none
+  bool isScaled_ = false, isWide_ = false, isMasked_ = false;
+};
+
+}  // namespace
+
+Outcome<std::unique_ptr<RasterFile>> openByGdal(const std::filesystem::path& file, const std::string& why, const RasterOptions& options,
+                                                bool isPicture) {
+  auto tools = Tools::find(file.string(), why);
+  if (!tools) return tools.error();
+  try {
+    return Reading(file, why, options, isPicture, std::move(*tools)).open();
+  } catch (const Json::exception&) {
+    return Error{file.string() + ": GDAL's programs describe it in a way that is not understood"};
+  }
+}
+
+}  // namespace ridgecast::user_terrain
