@@ -37,6 +37,17 @@ bool tileIsValid(const RasterShape& s, TileAddress tile) {
   return !isBeyond(s.x, tile.i) && !isBeyond(s.z, tile.j);
 }
 
+std::optional<GridPlace> onGrid(const Raster& map, lattice::Point place) {
+  const RasterShape& shape = map.shape();
+  const RasterOrigin origin = map.origin();
+  if (!origin.easting || !origin.northing) return std::nullopt;
+  const auto fromMiddle = [](const RasterAxis& axis, std::uint32_t samples, lattice::Step v) {
+    return lattice::metres(v) - (lattice::metres(axis.origin) + (samples - 1) * (axis.metres() / 2));
+  };
+  return GridPlace{*origin.easting + fromMiddle(shape.x, shape.width, place.x),
+                   *origin.northing - fromMiddle(shape.z, shape.height, place.z)};
+}
+
 void cubicHeights(const CubicPlaces& places, int count, float inverseX, float inverseZ, float* out) {
   variants().back().cubicHeights(places, count, inverseX, inverseZ, out);
 }

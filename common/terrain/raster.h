@@ -91,6 +91,11 @@ struct RasterOrigin {
   std::string read;                         // how the file was read, where that is not plain
 };
 
+// Metres on a map's grid.
+struct GridPlace {
+  double easting = 0, northing = 0;
+};
+
 // A source of samples. Any thread.
 class Raster {
  public:
@@ -109,6 +114,9 @@ class Raster {
   // Samples [x, x + columns) x [z, z + rows), each at most kTileSide, along x first. Here by way of tiles.
   virtual void samples(std::int64_t x, std::int64_t z, std::int32_t columns, std::int32_t rows, std::int32_t* out) const;
 };
+
+// Where a place of the world lies on the map's grid; empty: its file does not say.
+std::optional<GridPlace> onGrid(const Raster& map, lattice::Point place);
 
 // Places between samples, as a structure of arrays.
 struct CubicPlaces {

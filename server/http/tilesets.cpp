@@ -20,7 +20,7 @@ namespace {
 
 constexpr std::string_view kFolder = "3dtiles/", kRoot = "3dtiles/tileset.json";
 constexpr double kMostMetres = 4e12;
-constexpr int kVersion = 1;  // part of the ETag: change it when the same question gives another tileset
+constexpr int kVersion = 2;  // part of the ETag: change it when the same question gives another tileset
 
 bool isThere(std::string_view file) { return file.starts_with(kFolder) && (file.ends_with(".json") || file.ends_with(".glb")); }
 
@@ -42,6 +42,8 @@ Outcome<Asked> parse(std::string_view query) {
   out.token = p.take("token").value_or("");
   out.content = p.take("content").value_or("");
   if (!text::hasOnly(out.token, "-_.")) p.refuse("'token' has other characters than a token has.");
+  // What viewers and gateways hand on to every tile.
+  for (const char* name : {"v", "key", "access_token", "session", "_"}) p.take(name);
   if (auto error = p.finish("A tileset has at, x, z, reach, compression, normals, colours and token.")) return *error;
   return out;
 }
@@ -87,6 +89,9 @@ Answer tilesetAnswer(const Maker& maker, const session::Ground& ground, const As
   else
     key += " root " + std::to_string(asked.where.middle.x) + " " + std::to_string(asked.where.middle.z) + " " +
            text::rounded(asked.where.reach, 17);
+  if (const terrain::Raster* const map = ground.terrain->raster(); !square && map && !asked.where.isPrivate)
+    if (const auto grid = terrain::onGrid(*map, asked.where.middle))
+      key += " " + map->origin().crs + " " + text::rounded(grid->easting, 17) + " " + text::rounded(grid->northing, 17);
   if (!square && asked.where.at)
     for (const double v : {asked.where.at->longitude, asked.where.at->latitude, asked.where.at->height}) key += " " + text::rounded(v, 17);
   const std::string etag = access::hex(access::sha256(key)).substr(0, 32);
@@ -114,6 +119,7 @@ Answer respond(const Maker& maker, const Request& request, std::shared_ptr<sessi
   if (!isRoot && !square)
     return openRefusal(404, "There is no such tile: tiles are LEVEL/I/J with LEVEL 0 to " + std::to_string(tileset::kCoarsest) +
                                 "; tileset.json names those there are.");
+  asked->where.isPrivate = !session->resources().limits.sendsTerrain;
   auto ground = session->ground();
   const std::string content = text::hexadecimal(session->hashOf(ground));
   Headers headers;

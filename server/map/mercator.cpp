@@ -16,7 +16,10 @@ Sheet sheetOf(const TileAddress& tile, const Place& origin) {
   Sheet out;
   out.columns = out.rows = kTilePixels;
   out.pitchX = out.pitchZ = pixel * scale;
-  out.x = (-half + (std::ldexp(tile.x, 8) + 0.5) * pixel - originX) * scale;
+  const double side = kTilePixels * pixel;
+  double west = tile.x * side - half - originX;
+  if (tile.level > 0) west -= 2 * half * std::round((west + side / 2) / (2 * half));  // the nearer way round the Earth
+  out.x = (west + pixel / 2) * scale;
   out.z = (originY - half + (std::ldexp(tile.y, 8) + 0.5) * pixel) * scale;
   return out;
 }

@@ -22,20 +22,6 @@ Json parametersOf(const terrain::Terrain& terrain) {
   return out;
 }
 
-// Of the file's origin; null: the terrain does not say where it lies.
-Json georeference(const terrain::Raster& map, lattice::Point at) {
-  const terrain::RasterShape& shape = map.shape();
-  const terrain::RasterOrigin origin = map.origin();
-  if (!origin.easting || !origin.northing) return {};
-  const auto middle = [&](const terrain::RasterAxis& axis, std::uint32_t samples) {
-    return metres(axis.origin) + (samples - 1) * (axis.metres() / 2);
-  };
-  Json out{{"easting", *origin.easting + metres(at.x) - middle(shape.x, shape.width)},
-           {"northing", *origin.northing - metres(at.z) + middle(shape.z, shape.height)}};
-  if (!origin.crs.empty()) out["crs"] = origin.crs;
-  return out;
-}
-
 }  // namespace
 
 Json describeBox(lattice::Point low, lattice::Point high) {
@@ -51,8 +37,11 @@ void describeWorld(const session::Session& session, const session::Ground& groun
   if (ground.edit != 0) extras["edit"] = ground.edit;
   if (!session.resources().limits.sendsTerrain) return;
   extras["parameters"] = parametersOf(terrain);
-  if (const terrain::Raster* map = terrain.raster())
-    if (Json reference = georeference(*map, origin); !reference.is_null()) extras["georeference"] = std::move(reference);
+  const terrain::Raster* const map = terrain.raster();
+  const auto place = map ? terrain::onGrid(*map, origin) : std::nullopt;
+  if (!place) return;
+  extras["georeference"] = {{"easting", place->easting}, {"northing", place->northing}};
+  if (const std::string crs = map->origin().crs; !crs.empty()) extras["georeference"]["crs"] = crs;
 }
 
 }  // namespace ridgecast::snapshot

@@ -149,11 +149,8 @@ class Making {
                           {"tiles", known_.size()}};
     describeWorld(session_, ground_, root.origin, extras);
     root.extras = extras.dump();
-    const auto known = extras.find("georeference");
-    if (question_.at)
-      root.transform = tileset::eastNorthUp(*question_.at);
-    else if (known != extras.end())
-      root.transform = tileset::onEarth(known->value("crs", ""), (*known)["easting"], (*known)["northing"]);
+    const bool isPrivate = !session_.resources().limits.sendsTerrain;
+    root.transform = tileset::rootOf(isPrivate ? nullptr : ground_.terrain->raster(), root.origin, question_.at);
     return tileset::rootTileset(pyramid, root);
   }
 

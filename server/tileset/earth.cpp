@@ -1,6 +1,10 @@
 #include "server/tileset/earth.h"
 
+#include <proj.h>
+
+#include <algorithm>
 #include <cmath>
+#include <memory>
 #include <numbers>
 #include <string>
 
@@ -13,43 +17,42 @@ namespace {
 constexpr double kRadius = 6'378'137, kFlattening = 1 / 298.257223563, kEccentricity2 = kFlattening * (2 - kFlattening);
 constexpr double kRadians = std::numbers::pi / 180;
 
-// UTM, the other way (Karney 2011, equations 11, 15 and 19 to 21, to the fourth order: better than a millimetre in a zone). x, y: metres
-// from the central meridian and the equator.
-Place fromTransverseMercator(double meridian, double x, double y) {
-  constexpr double n = kFlattening / (2 - kFlattening), n2 = n * n, n3 = n2 * n, n4 = n2 * n2;
-  constexpr double scale = 0.9996 * kRadius / (1 + n) * (1 + n2 / 4 + n4 / 64);
-  constexpr std::array beta{n / 2 - 2 * n2 / 3 + 37 * n3 / 96 - n4 / 360, n2 / 48 + n3 / 15 - 437 * n4 / 1440,
-                            17 * n3 / 480 - 37 * n4 / 840, 4397 * n4 / 161'280};
-  const double xi = y / scale, eta = x / scale;
-  double xi1 = xi, eta1 = eta;
-  for (std::size_t k = 0; k < beta.size(); ++k) {
-    const double j = 2.0 * static_cast<double>(k + 1);
-    xi1 -= beta.at(k) * std::sin(j * xi) * std::cosh(j * eta);
-    eta1 -= beta.at(k) * std::cos(j * xi) * std::sinh(j * eta);
+// A projected CRS on Earth. PROJ's objects belong to it.
+class Projection {
+ public:
+  explicit Projection(const std::string& crs) : context_(proj_context_create()) {
+    proj_log_level(context_, PJ_LOG_NONE);
+    Object from(proj_create(context_, crs.c_str())), to(proj_create(context_, "EPSG:4978"));
+    if (!from.get() || !to.get() || proj_get_type(from.get()) != PJ_TYPE_PROJECTED_CRS) return;
+    const Object axes(proj_crs_get_coordinate_system(context_, from.get()));
+    proj_cs_get_axis_info(context_, axes.get(), 0, nullptr, nullptr, nullptr, &unit_, nullptr, nullptr, nullptr);
+    const Object plain(proj_create_crs_to_crs_from_pj(context_, from.get(), to.get(), nullptr, nullptr));
+    if (plain.get()) way_.reset(proj_normalize_for_visualization(context_, plain.get()));
   }
-  const double conformal = std::sin(xi1) / std::hypot(std::sinh(eta1), std::cos(xi1)), e = std::sqrt(kEccentricity2);
-  double tangent = conformal;  // of the latitude, by Newton's method
-  for (int k = 0; k < 5; ++k) {
-    const double root = std::hypot(1, tangent), sigma = std::sinh(e * std::atanh(e * tangent / root));
-    const double off = tangent * std::hypot(1, sigma) - sigma * root;
-    tangent += (conformal - off) / std::hypot(1, off) * (1 + (1 - kEccentricity2) * tangent * tangent) / ((1 - kEccentricity2) * root);
+  Projection(const Projection&) = delete;
+  Projection& operator=(const Projection&) = delete;
+  ~Projection() {
+    way_.reset();
+    proj_context_destroy(context_);
   }
-  return {meridian + std::atan2(std::sinh(eta1), std::cos(xi1)), std::atan(tangent)};
-}
 
-// The plane whose axes go where the grid's do: `at` tells places around.
-template <class F>
-Matrix planeOf(F&& at) {
-  const Matrix here = eastNorthUp(at(0, 0));
-  Matrix out = here;
-  const auto along = [&](double x, double y, std::size_t column) {
-    const Matrix one = eastNorthUp(at(x, y)), other = eastNorthUp(at(-x, -y));
-    for (std::size_t k = 0; k < 3; ++k) out[4 * column + k] = (one[12 + k] - other[12 + k]) / (2 * std::hypot(x, y));
+  // Metres on the grid to metres of EPSG:4978; empty: there is no such place.
+  std::optional<std::array<double, 3>> at(double easting, double northing) const {
+    if (!way_) return std::nullopt;
+    const PJ_COORD out = proj_trans(way_.get(), PJ_FWD, proj_coord(easting / unit_, northing / unit_, 0, HUGE_VAL));
+    if (!std::isfinite(out.xyz.x) || !std::isfinite(out.xyz.y) || !std::isfinite(out.xyz.z)) return std::nullopt;
+    return std::array{out.xyz.x, out.xyz.y, out.xyz.z};
+  }
+
+ private:
+  struct Destroy {
+    void operator()(PJ* p) const { proj_destroy(p); }
   };
-  along(1000, 0, 0);
-  along(0, 1000, 1);
-  return out;
-}
+  using Object = std::unique_ptr<PJ, Destroy>;
+  PJ_CONTEXT* context_;
+  Object way_;
+  double unit_ = 1;  // metres
+};
 
 std::optional<double> valueOf(std::string_view text, std::string_view name) {
   const auto at = text.find(name);
@@ -101,12 +104,42 @@ std::optional<Matrix> onEarth(std::string_view crs, double easting, double north
     for (std::size_t k = 0; k < 3; ++k) plane[12 + k] += easting * plane[k] + northing * plane[4 + k];
     return plane;
   }
-  const auto code = valueOf(crs, "EPSG:");
-  if (!code) return std::nullopt;
-  const int family = static_cast<int>(*code) / 100, zone = static_cast<int>(*code) % 100;
-  if ((family != 326 && family != 327 && family != 258) || zone < 1 || zone > 60) return std::nullopt;
-  const double meridian = (6 * zone - 183) * kRadians, equator = family == 327 ? 10'000'000 : 0;
-  return planeOf([&](double x, double y) { return fromTransverseMercator(meridian, easting + x - 500'000, northing + y - equator); });
+  if (!crs.starts_with("EPSG:")) return std::nullopt;
+  constexpr double kAround = 1000;  // metres, either way
+  const Projection projection{std::string(crs)};
+  const auto here = projection.at(easting, northing);
+  const auto west = projection.at(easting - kAround, northing), east = projection.at(easting + kAround, northing),
+             south = projection.at(easting, northing - kAround), north = projection.at(easting, northing + kAround);
+  if (!here || !west || !east || !south || !north) return std::nullopt;
+  // The ellipsoid's normal: the place lies on it, or on another one that is at most some hundred metres beside it.
+  const double longitude = std::atan2((*here)[1], (*here)[0]),
+               latitude = std::atan2((*here)[2], (1 - kEccentricity2) * std::hypot((*here)[0], (*here)[1]));
+  Matrix out = eastNorthUp({longitude, latitude});
+  for (std::size_t k = 0; k < 3; ++k) {
+    out[k] = ((*east)[k] - (*west)[k]) / (2 * kAround);
+    out[4 + k] = ((*north)[k] - (*south)[k]) / (2 * kAround);
+    out[12 + k] = (*here)[k];
+  }
+  return out;
+}
+
+std::optional<Matrix> rootOf(const terrain::Raster* map, lattice::Point origin, const std::optional<Place>& at) {
+  const auto grid = map ? terrain::onGrid(*map, origin) : std::nullopt;
+  const auto own = grid ? onEarth(map->origin().crs, grid->easting, grid->northing) : std::nullopt;
+  if (!at) return own;
+  const Matrix there = eastNorthUp(*at);
+  if (!own) return there;
+  // The grid's axes, seen from east, north and up of its own place, and carried over.
+  const Matrix& plane = *own;
+  const Matrix here = eastNorthUp({std::atan2(plane[9], plane[8]), std::asin(std::clamp(plane[10], -1.0, 1.0))});
+  Matrix out = there;
+  for (std::size_t column = 0; column < 2; ++column) {
+    std::array<double, 3> share{};
+    for (std::size_t axis = 0; axis < 3; ++axis)
+      for (std::size_t k = 0; k < 3; ++k) share[axis] += plane[4 * column + k] * here[4 * axis + k];
+    for (std::size_t k = 0; k < 3; ++k) out[4 * column + k] = share[0] * there[k] + share[1] * there[4 + k] + share[2] * there[8 + k];
+  }
+  return out;
 }
 
 }  // namespace ridgecast::tileset

@@ -7,6 +7,9 @@
 #include <optional>
 #include <string_view>
 
+#include "common/lattice/lattice.h"
+#include "common/terrain/raster.h"
+
 namespace ridgecast::tileset {
 
 using Matrix = std::array<double, 16>;
@@ -26,11 +29,15 @@ std::optional<Place> placeOf(std::string_view text);
 //   place = ((N + h) cos lat cos lon, (N + h) cos lat sin lon, (N (1 - e^2) + h) sin lat)
 Matrix eastNorthUp(const Place& place);
 
-// The plane of a map around one of its places, by its CRS as terrain::RasterOrigin has it; empty: not one of these.
-//   EPSG:326ZZ, EPSG:327ZZ, EPSG:258ZZ   UTM on WGS84, north and south, and on ETRS89 (less than a metre beside WGS84): the plane that
-//                                        touches there, turned and scaled as the grid is
+// The plane of a map around one of its places, turned and scaled as the grid is there, by its CRS as terrain::RasterOrigin has it, and
+// metres; empty: not one of these.
+//   EPSG:N                               any projected CRS that PROJ knows, by the best way to WGS84 that needs no grids but those installed
 //   +proj=ortho +lat_0=LAT +lon_0=LON    the map's own plane (common/user_terrain/degrees.h)
 // The map's heights count from the ellipsoid, whatever they are: those above the sea lie up to 100 m too low or too high.
 std::optional<Matrix> onEarth(std::string_view crs, double easting, double northing);
+
+// Where the axes x east, y north, z up of `origin` lie: where the map says, if there is one, or at a place of one's own, turned against north
+// there as the map's grid is where it lies. Empty: neither says where.
+std::optional<Matrix> rootOf(const terrain::Raster* map, lattice::Point origin, const std::optional<Place>& at);
 
 }  // namespace ridgecast::tileset

@@ -32,7 +32,8 @@ inline constexpr double kUsualReach = 200'000, kLeastReach = 100, kMostReach = 1
 
 struct Question {
   lattice::Point middle;       // lies at the place, with height 0 at the place's height
-  std::optional<Place> at;     // empty: the root's axes are the terrain's own, relative to `middle`
+  std::optional<Place> at;     // empty: where the map says (rootOf), otherwise the root's axes are the terrain's own, relative to `middle`
+  bool isPrivate = false;      // where the map lies is not told
   double reach = kUsualReach;  // metres: covered in all four directions, at least
 };
 

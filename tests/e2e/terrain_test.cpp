@@ -127,7 +127,7 @@ TEST_F(TerrainFlight, DetailOnAMapIsTheSameGroundOnEverySide) {
   const auto client = replica::Client::open(connection::parseUrl(server.url()).value(), {}).value();
   const wire::World world = client->world();
   ASSERT_TRUE(world.heightMap);
-  EXPECT_EQ(world.heightMap->pitch, 800u);
+  EXPECT_EQ(world.heightMap->x.pitch, terrain::pitchOf(800));
   EXPECT_EQ(world.terrainSource, terrain->source());
   scene::HeightWindow window(world.terrainName, world.terrainSource, world.seed, *world.heightMap, 1000);
   window.moveTo({500 * 256, 900 * 256});

@@ -86,6 +86,7 @@ TEST_F(TilesetRouteTest, WhatWasMadeIsAnsweredAtOnce) {
   }
   // A token is in what is answered and not in what is kept.
   EXPECT_THAT(ask("tileset.json?token=secret")->body, HasSubstr("?token=secret&content="));
+  EXPECT_EQ(ask("tileset.json?v=7&key=abc&session=1")->status, 200) << "viewers add these";
   EXPECT_EQ(ask("tileset.json")->body.find("token"), std::string::npos);
   // Snapshots share it.
   Request request;

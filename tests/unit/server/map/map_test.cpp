@@ -47,6 +47,15 @@ TEST(Mercator, AMetreIsAMetreAtTheOrigin) {
   EXPECT_GT(sheetOf({14, 0, 1}, place).z, sheet.z) << "south is +z";
 }
 
+// They were a world apart: the tile behind the meridian was taken the long way round.
+TEST(Mercator, NeighboursContinueEachOtherAcrossThe180thMeridian) {
+  for (const Place& place : {Place{179.9, -16.5}, Place{-179.9, -16.5}}) {
+    const Sheet a = sheetOf({8, 255, 140}, place), b = sheetOf({8, 0, 140}, place);
+    EXPECT_NEAR(a.x + 256 * a.pitchX, b.x, 1e-3);
+    EXPECT_LT(std::abs(b.x), 256 * b.pitchX);
+  }
+}
+
 TEST(Mercator, NeighboursContinueEachOther) {
   const Place place{11.5, 47.25};
   const Sheet a = sheetOf({12, 2177, 1436}, place), b = sheetOf({12, 2178, 1437}, place);

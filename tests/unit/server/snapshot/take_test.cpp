@@ -281,7 +281,7 @@ class Bumps final : public terrain::Terrain, public terrain::Raster {
   std::uint32_t seed() const override { return 1; }
   const terrain::Raster* raster() const override { return this; }
   const terrain::RasterShape& shape() const override { return shape_; }
-  terrain::RasterOrigin origin() const override { return {"clamp", "EPSG:32632", 500'000.0, 4'600'000.0, {}}; }
+  terrain::RasterOrigin origin() const override { return {"clamp", "EPSG:32632", 500'000.0, 4'600'000.0, {}, {}}; }
   void tile(terrain::TileAddress at, terrain::Tile& out) const override {
     for (std::size_t k = 0; k < out.size(); ++k)
       out[k] = sample(at.i * terrain::kTileSide + static_cast<std::int64_t>(k) % terrain::kTileSide,

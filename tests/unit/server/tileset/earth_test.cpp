@@ -67,7 +67,8 @@ TEST(Earth, AMapInUtmLiesWhereItsCoordinatesSay) {
     EXPECT_NEAR(up, 5831.0 * 5831 / 2 / 6.38e6, 0.1) << c.crs << ": the Earth falls away below the plane";
     EXPECT_LT(std::sqrt(std::max(0.0, off - up * up)), 0.3) << c.crs;
   }
-  EXPECT_EQ(onEarth("EPSG:25832", 680'000, 5'240'000), onEarth("EPSG:32632", 680'000, 5'240'000));
+  const auto europe = onEarth("EPSG:25832", 680'000, 5'240'000), world = onEarth("EPSG:32632", 680'000, 5'240'000);
+  for (std::size_t k = 0; k < 16; ++k) EXPECT_NEAR((*europe)[k], (*world)[k], 1e-3);
 }
 
 TEST(Earth, AMapInDegreesLiesOnItsOwnPlane) {
@@ -78,9 +79,63 @@ TEST(Earth, AMapInDegreesLiesOnItsOwnPlane) {
   for (std::size_t k = 0; k < 3; ++k) EXPECT_NEAR((*beside)[12 + k], (*middle)[12 + k] + 300 * (*middle)[k] - 40 * (*middle)[4 + k], 1e-8);
 }
 
+// The references: cs2cs of PROJ 9.1 to EPSG:4978.
+TEST(Earth, NationalGridsLieWhereTheyAre) {
+  struct Case {
+    const char* crs;
+    double metres, easting, northing;
+    double here[3];
+  };
+  for (const Case& c : {Case{"EPSG:2056", 1, 2'600'000, 1'200'000, {4324955.9890, 564679.3168, 4638054.2848}},
+                        Case{"EPSG:2263", 12 / 39.37, 1'000'000, 200'000, {1339043.5823, -4652383.4934, 4138537.3063}},
+                        Case{"EPSG:27700", 1, 400'000, 300'000, {3879962.3422, -135588.4369, 5043481.8303}},
+                        Case{"EPSG:31287", 1, 400'000, 400'000, {4200560.8231, 995493.9656, 4679458.8478}},
+                        Case{"EPSG:3035", 1, 4'321'000, 3'210'000, {3875179.5754, 683298.7142, 5002803.3455}},
+                        Case{"EPSG:28992", 1, 155'000, 463'000, {3904019.6961, 368158.8149, 5013414.8210}}}) {
+    const auto m = onEarth(c.crs, c.easting * c.metres, c.northing * c.metres);
+    ASSERT_TRUE(m) << c.crs;
+    for (std::size_t k = 0; k < 3; ++k) EXPECT_NEAR((*m)[12 + k], c.here[k], 0.01) << c.crs;
+    const double scale = std::hypot((*m)[0], (*m)[1], (*m)[2]);
+    EXPECT_NEAR(scale, 1, 0.002) << c.crs;
+  }
+}
+
+// A map 300 km east of its zone's meridian, laid elsewhere: its grid stays turned against north, here by 2.7 degrees.
+TEST(Earth, AMapLaidElsewhereStaysTurnedAsItsGridIs) {
+  class Map final : public terrain::Raster {
+   public:
+    const terrain::RasterShape& shape() const override { return shape_; }
+    terrain::RasterOrigin origin() const override {
+      terrain::RasterOrigin out;
+      out.crs = "EPSG:32632";
+      out.easting = 800'000;
+      out.northing = 5'240'000;
+      return out;
+    }
+    void tile(terrain::TileAddress, terrain::Tile& out) const override { out.fill(0); }
+    terrain::RasterShape shape_{.width = 3, .height = 3};
+  };
+  const Map map;
+  const lattice::Point middle{map.shape().x.of(1), map.shape().z.of(1)};
+  const auto own = rootOf(&map, middle, {}), moved = rootOf(&map, middle, placeOf("-70,-33,100"));
+  ASSERT_TRUE(own && moved);
+  EXPECT_EQ(*own, *onEarth("EPSG:32632", 800'000, 5'240'000));
+  const Matrix straight = eastNorthUp(*placeOf("-70,-33,100"));
+  for (std::size_t k = 8; k < 16; ++k) EXPECT_EQ((*moved)[k], straight[k]);
+  double east = 0, north = 0;
+  for (std::size_t k = 0; k < 3; ++k) {
+    east += (*moved)[k] * straight[k];
+    north += (*moved)[k] * straight[4 + k];
+  }
+  const double longitude = std::atan2((*own)[9], (*own)[8]), latitude = std::asin((*own)[10]);
+  EXPECT_NEAR(std::atan2(-north, east), std::atan(std::tan(longitude - 9 * kDegree) * std::sin(latitude)), 1e-4) << "the convergence";
+  EXPECT_EQ(*rootOf(nullptr, {}, placeOf("10,50")), eastNorthUp(*placeOf("10,50")));
+  EXPECT_FALSE(rootOf(nullptr, {}, {}));
+}
+
 TEST(Earth, OtherMapsArePlacedByHand) {
-  for (const char* crs : {"", "EPSG:31287", "EPSG:3857", "EPSG:32600", "EPSG:32661", "EPSG:", "EPSG:x", "+proj=ortho +lat_0=1",
-                          "+proj=ortho +lat_0=a +lon_0=b"})
+  for (const char* crs :
+       {"", "EPSG:4326", "EPSG:99999", "EPSG:32600", "EPSG:", "EPSG:x", "+proj=ortho +lat_0=1", "+proj=ortho +lat_0=a +lon_0=b"})
     EXPECT_FALSE(onEarth(crs, 0, 0)) << crs;
 }
 
