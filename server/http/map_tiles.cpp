@@ -8,6 +8,7 @@
 
 #include "common/text/text.h"
 #include "server/access/crypto.h"
+#include "server/earth/earth.h"
 #include "server/http/any_origin.h"
 #include "server/map/mercator.h"
 #include "server/map/picture.h"
@@ -18,7 +19,7 @@ namespace ridgecast::http {
 namespace {
 
 constexpr std::string_view kTilesPrefix = "/v1/sessions/";
-constexpr int kTileVersion = 1;  // part of the ETag: change it when the same question gives another file
+constexpr int kTileVersion = 2;  // part of the ETag: change it when the same question gives another file
 
 struct Wanted {
   std::string_view session;
@@ -46,14 +47,24 @@ std::optional<Wanted> readPath(std::string_view path) {
   return out;
 }
 
-Outcome<map::Place> readPlace(std::string_view query) {
-  const auto at = queryParameter(query, "at");
-  if (!at) return at.error();
+// What a question says beside the tile.
+struct Placing {
+  std::optional<map::Place> at;  // empty: where the map says
+  bool emptyBeyond = false;      // beyond=empty
+};
+
+Outcome<Placing> readQuery(std::string_view query) {
+  const auto at = queryParameter(query, "at"), beyond = queryParameter(query, "beyond");
+  if (!at || !beyond) return at ? beyond.error() : at.error();
+  if (!beyond->empty() && *beyond != "empty") return Error{"beyond is empty: tiles beside the map are answered by 204, without a picture."};
+  Placing out{.at = {}, .emptyBeyond = !beyond->empty()};
+  if (at->empty()) return out;
   std::string_view rest = *at;
   const auto longitude = text::number<double>(text::takePart(rest, ',')), latitude = text::number<double>(rest);
   if (!longitude || !latitude || !(std::abs(*longitude) <= 180) || !(std::abs(*latitude) <= map::kMostLatitude))
     return Error{"Say at=LON,LAT, where the world's origin lies, in degrees: longitude within 180, latitude within 85."};
-  return map::Place{*longitude, *latitude};
+  out.at = map::Place{*longitude, *latitude};
+  return out;
 }
 
 Answer heightsOf(const terrain::Terrain& terrain, const map::Sheet& sheet, const std::stop_token& stop) {
@@ -77,12 +88,13 @@ Answer coloursOf(const terrain::Terrain& terrain, const map::Sheet& sheet, const
   return a;
 }
 
-std::string etagOf(std::uint64_t ground, const Wanted& wanted, const map::Place& at) {
+std::string etagOf(std::uint64_t ground, const Wanted& wanted, const map::Sheet& sheet) {
   std::string text = text::hexadecimal(ground) + (wanted.colours ? " colours" : " heights");
   for (const std::uint64_t v : {std::uint64_t{kTileVersion}, static_cast<std::uint64_t>(wanted.tile->level), std::uint64_t{wanted.tile->x},
                                 std::uint64_t{wanted.tile->y}})
     text += " " + std::to_string(v);
-  text += " " + text::rounded(at.longitude, 17) + " " + text::rounded(at.latitude, 17);
+  for (const double v : {sheet.x, sheet.z, sheet.pitchX, sheet.pitchZ}) text += " " + text::rounded(v, 17);
+  for (const map::Sheet::Node& node : sheet.nodes) text += " " + text::rounded(node.x, 17) + " " + text::rounded(node.z, 17);
   return access::hex(access::sha256(text)).substr(0, 32);
 }
 
@@ -96,15 +108,31 @@ std::optional<Answer> answerTile(const Request& request, const session::Director
   if (!wanted->tile)
     return openRefusal(404, "There is no such tile: heights/Z/X/Y.png or colours/Z/X/Y.jpg, Z from 0 to " +
                                 std::to_string(map::kFinestTileLevel) + ", X and Y below 2^Z.");
-  const auto at = readPlace(request.query());
-  if (!at) return openRefusal(400, at.error().message);
+  const auto asked = readQuery(request.query());
+  if (!asked) return openRefusal(400, asked.error().message);
   if (auto lacking = lacksEdit(request.edit, *session)) return opened(std::move(*lacking));
   session->use();
   const session::Ground ground = session->ground();
-  const std::string etag = etagOf(session->hashOf(ground), *wanted, *at);
+  const terrain::Raster* const samples = ground.terrain->raster();
+  const terrain::Raster* const map =
+      session->resources().limits.sendsTerrain ? samples : nullptr;  // a private one does not say where it lies
+  std::optional<map::Sheet> sheet;
+  if (asked->at)
+    sheet = map::sheetOf(*wanted->tile, *asked->at, map);
+  else if (map)
+    sheet = map::sheetOf(*wanted->tile, *map);
+  const bool isPlaced = asked->at || (map && terrain::onGrid(*map, {}) && earth::Grid::of(map->origin().crs));
+  if (!isPlaced)
+    return openRefusal(400, "Say at=LON,LAT, where the world's origin lies, in degrees: its terrain does not say where on Earth it lies.");
+  if (asked->emptyBeyond && (!sheet || (samples && map::isBeside(*sheet, samples->shape())))) {
+    Answer empty;
+    empty.status = 204;
+    return opened(std::move(empty));
+  }
+  if (!sheet) return openRefusal(404, "The CRS of this map does not reach this tile: ask for a finer one, or say at=LON,LAT.");
+  const std::string etag = etagOf(session->hashOf(ground), *wanted, *sheet);
   Answer a = opened(
-      madeBy({.isTile = true,
-              .work = [ground, sheet = map::sheetOf(*wanted->tile, *at), colours = wanted->colours, etag](const std::stop_token& stop) {
+      madeBy({.isTile = true, .work = [ground, sheet = std::move(*sheet), colours = wanted->colours, etag](const std::stop_token& stop) {
                 Answer made = colours ? coloursOf(*ground.terrain, sheet, stop) : heightsOf(*ground.terrain, sheet, stop);
                 if (made.status != 200) return made;
                 made = opened(std::move(made));

@@ -2,14 +2,35 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numbers>
 
 #include "common/lattice/lattice.h"
+#include "server/earth/earth.h"
 
 namespace ridgecast::map {
 
-Sheet sheetOf(const TileAddress& tile, const Place& origin) {
-  constexpr double kRadius = 6'378'137, kRadians = std::numbers::pi / 180;
+namespace {
+
+constexpr double kRadius = 6'378'137, kRadians = std::numbers::pi / 180;
+
+// Nodes of a tile, each where `place` puts a node's corner, counted in pixels. Empty: one has no place.
+template <class F>
+bool bend(Sheet& sheet, F&& place) {
+  const std::size_t across = sheet.nodesAcross();
+  for (std::size_t j = 0; j < across; ++j)
+    for (std::size_t i = 0; i < across; ++i) {
+      const std::optional<Sheet::Node> node =
+          place(static_cast<double>(i * Sheet::kNodePixels), static_cast<double>(j * Sheet::kNodePixels));
+      if (!node) return false;
+      sheet.nodes.push_back(*node);
+    }
+  return true;
+}
+
+}  // namespace
+
+Sheet sheetOf(const TileAddress& tile, const Place& origin, const terrain::Raster* map) {
   const double latitude = origin.latitude * kRadians, scale = std::cos(latitude) * lattice::kStepsPerMetre;
   const double originX = kRadius * origin.longitude * kRadians, originY = kRadius * std::asinh(std::tan(latitude));
   const double half = kRadius * std::numbers::pi, pixel = std::ldexp(2 * half / kTilePixels, -tile.level);
@@ -21,7 +42,59 @@ Sheet sheetOf(const TileAddress& tile, const Place& origin) {
   if (tile.level > 0) west -= 2 * half * std::round((west + side / 2) / (2 * half));  // the nearer way round the Earth
   out.x = (west + pixel / 2) * scale;
   out.z = (originY - half + (std::ldexp(tile.y, 8) + 0.5) * pixel) * scale;
+  const auto grid = map ? terrain::onGrid(*map, {}) : std::nullopt;
+  const auto plane = grid ? earth::onEarth(map->origin().crs, grid->easting, grid->northing) : std::nullopt;
+  if (!plane) return out;
+  const auto [eastern, northern] = earth::axesOf(*plane);
+  const double length = std::hypot(eastern[0], eastern[1]), c = eastern[0] / length, s = eastern[1] / length;
+  const Sheet straight = out;
+  bend(out, [&](double column, double row) {
+    const double east = straight.x + (column - 0.5) * straight.pitchX, south = straight.z + (row - 0.5) * straight.pitchZ;
+    return std::optional(Sheet::Node{c * east - s * south, s * east + c * south});
+  });
   return out;
+}
+
+std::optional<Sheet> sheetOf(const TileAddress& tile, const terrain::Raster& map) {
+  const auto origin = terrain::onGrid(map, {});
+  const earth::Grid* const grid = origin ? earth::Grid::of(map.origin().crs) : nullptr;
+  if (!grid) return std::nullopt;
+  Sheet out;
+  out.columns = out.rows = kTilePixels;
+  constexpr double kFarthest = lattice::kMaxPosition * lattice::kMetresPerStep;
+  const bool isThere = bend(out, [&](double column, double row) -> std::optional<Sheet::Node> {
+    const double x = std::ldexp(tile.x + column / kTilePixels, 1 - tile.level) - 1,
+                 y = 1 - std::ldexp(tile.y + row / kTilePixels, 1 - tile.level);
+    const auto at = grid->at(180 * x, std::atan(std::sinh(std::numbers::pi * y)) / kRadians);
+    if (!at) return std::nullopt;
+    const double east = at->easting - origin->easting, south = origin->northing - at->northing;
+    if (!(std::abs(east) <= kFarthest && std::abs(south) <= kFarthest)) return std::nullopt;
+    return Sheet::Node{east * lattice::kStepsPerMetre, south * lattice::kStepsPerMetre};
+  });
+  if (!isThere) return std::nullopt;
+  const Sheet::Node &first = out.nodes.front(), &last = out.nodes.back(), &right = out.nodes[out.nodesAcross() - 1];
+  out.x = first.x;
+  out.z = first.z;
+  out.pitchX = std::hypot(right.x - first.x, right.z - first.z) / kTilePixels;
+  out.pitchZ = std::hypot(last.x - right.x, last.z - right.z) / kTilePixels;
+  return out;
+}
+
+bool isBeside(const Sheet& sheet, const terrain::RasterShape& map) {
+  double west = sheet.x, east = west + sheet.columns * sheet.pitchX, north = sheet.z, south = north + sheet.rows * sheet.pitchZ;
+  if (!sheet.nodes.empty()) {
+    west = north = std::numeric_limits<double>::max();
+    east = south = std::numeric_limits<double>::lowest();
+  }
+  for (const Sheet::Node& node : sheet.nodes) {
+    west = std::min(west, node.x);
+    east = std::max(east, node.x);
+    north = std::min(north, node.z);
+    south = std::max(south, node.z);
+  }
+  const auto end = [](const terrain::RasterAxis& axis, std::uint32_t samples) { return static_cast<double>(axis.of(samples - 1)); };
+  return east < static_cast<double>(map.x.origin) || west > end(map.x, map.width) || south < static_cast<double>(map.z.origin) ||
+         north > end(map.z, map.height);
 }
 
 void terrarium(float height, std::uint8_t* rgb) {

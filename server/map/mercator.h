@@ -7,11 +7,14 @@
 //   X = R longitude,  Y = R ln tan(pi / 4 + latitude / 2)
 //
 // So a tile is a square of the world, and a metre of the world is a metre of Earth along the origin's parallel; a viewer shows it
-// cos(latitude) / cos(latitude0) times as long on others (at 47 degrees 1.6 % a degree). Level z divides Earth into 2^z x 2^z tiles, x from
-// longitude -180, y from latitude 85.05 southwards: a higher level is finer here, unlike a leaf's.
+// cos(latitude) / cos(latitude0) times as long on others (at 47 degrees 1.6 % a degree). A map whose file says where it lies needs no
+// choice: there each corner of 32 x 32 pixels lies where its longitude and latitude do on the map's grid. Level z divides Earth into 2^z x
+// 2^z tiles, x from longitude -180, y from latitude 85.05 southwards: a higher level is finer here, unlike a leaf's.
 
 #include <cstdint>
+#include <optional>
 
+#include "common/terrain/raster.h"
 #include "server/map/sheet.h"
 
 namespace ridgecast::map {
@@ -29,8 +32,15 @@ struct TileAddress {
   std::uint32_t x = 0, y = 0;  // below 2^level
 };
 
-// The pixels of a tile. `origin`: where the world's x 0, z 0 lies.
-Sheet sheetOf(const TileAddress& tile, const Place& origin);
+// The pixels of a tile. `origin`: where the world's x 0, z 0 lies. Of a map that is laid there the grid stays turned against north as it is
+// where it lies.
+Sheet sheetOf(const TileAddress& tile, const Place& origin, const terrain::Raster* map = nullptr);
+
+// The same where the map itself says that it lies; empty: it does not, or its CRS does not reach the tile.
+std::optional<Sheet> sheetOf(const TileAddress& tile, const terrain::Raster& map);
+
+// Whether all of the pixels lie beside the map's samples.
+bool isBeside(const Sheet& sheet, const terrain::RasterShape& map);
 
 // Terrarium: height = red * 256 + green + blue / 256 - 32,768 metres. Rounded to the nearest 1/256 m; clamped to what the encoding holds.
 void terrarium(float height, std::uint8_t* rgb);

@@ -23,8 +23,32 @@ struct Row {
     height.resize(count);
     for (std::size_t k = 0; k < count; ++k)
       x[k] = static_cast<Step>(std::llround(sheet.x + static_cast<double>(firstColumn + static_cast<std::int64_t>(k)) * sheet.pitchX));
+    if (!sheet.nodes.empty()) bend(sheet, row, firstColumn);
     terrain.heights(x, z, height);
   }
+
+ private:
+  void bend(const Sheet& sheet, std::int64_t row, std::int64_t firstColumn) {
+    const std::size_t across = sheet.nodesAcross(), down = sheet.nodes.size() / across;
+    const auto before = [](double at, std::size_t nodes) {
+      return static_cast<std::size_t>(std::clamp(std::floor(at), 0.0, static_cast<double>(nodes - 2)));
+    };
+    const double v = (static_cast<double>(row) + 0.5) / Sheet::kNodePixels;
+    const std::size_t j = before(v, down);
+    for (std::size_t k = 0; k < x.size(); ++k) {
+      const double u = (static_cast<double>(firstColumn + static_cast<std::int64_t>(k)) + 0.5) / Sheet::kNodePixels;
+      const std::size_t i = before(u, across);
+      const double s = u - static_cast<double>(i), t = v - static_cast<double>(j);
+      const Sheet::Node *const north = &sheet.nodes[j * across + i], *const south = north + across;
+      const auto mixed = [&](double Sheet::Node::*c) {
+        return (north[0].*c * (1 - s) + north[1].*c * s) * (1 - t) + (south[0].*c * (1 - s) + south[1].*c * s) * t;
+      };
+      x[k] = static_cast<Step>(std::llround(mixed(&Sheet::Node::x)));
+      z[k] = static_cast<Step>(std::llround(mixed(&Sheet::Node::z)));
+    }
+  }
+
+ public:
 };
 
 std::uint8_t srgb(float linear) {

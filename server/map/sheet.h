@@ -10,11 +10,18 @@
 
 namespace ridgecast::map {
 
-// Columns run along x, rows along z. All middles lie within lattice::kMaxPosition.
+// Columns run along x, rows along z, or nearly so. All middles lie within lattice::kMaxPosition.
 struct Sheet {
   double x = 0, z = 0;            // steps: the middle of the first pixel
   double pitchX = 0, pitchZ = 0;  // steps from one pixel to the next
   std::uint32_t columns = 0, rows = 0;
+  // Of a sheet that is turned or bent: where its pixels' corners 0, 32, ... lie, row by row; bilinear between. Then x and z are not used.
+  struct Node {
+    double x = 0, z = 0;  // steps
+  };
+  static constexpr std::uint32_t kNodePixels = 32;
+  std::vector<Node> nodes = {};
+  std::size_t nodesAcross() const { return columns / kNodePixels + 1; }
   std::size_t pixels() const { return std::size_t{columns} * rows; }
 };
 

@@ -25,7 +25,29 @@ struct Corner {
   std::uint32_t leaf, vertex;
 };
 
-std::vector<Shared> gather(const std::vector<gltf::Leaf>& leaves, std::vector<std::vector<std::uint32_t>>& indices) {
+std::int8_t widthOf(double metres) { return static_cast<std::int8_t>(std::clamp(std::ilogb(std::max(metres, 0.01)), kFinest, kWidest)); }
+
+// `vertices` by x, then z.
+void widenAlong(const Sides& sides, std::vector<Shared>& vertices) {
+  constexpr double kOfError = 8;  // about the width of triangles that keep it
+  std::array<std::vector<Shared*>, 4> along;
+  for (Shared& v : vertices) {
+    if (v.x == sides.low.x) along[0].push_back(&v);
+    if (v.x == sides.high.x) along[1].push_back(&v);
+    if (v.z == sides.low.z) along[2].push_back(&v);
+    if (v.z == sides.high.z) along[3].push_back(&v);
+  }
+  for (const auto& side : along)
+    for (std::size_t k = 1; k + 1 < side.size(); ++k) {
+      const Shared &before = *side[k - 1], &after = *side[k + 1];
+      side[k]->width = widthOf(static_cast<double>(after.x - before.x + after.z - before.z) / 2 * lattice::kMetresPerStep);
+    }
+  for (const auto& side : along)
+    if (!side.empty()) side.front()->width = side.back()->width = widthOf(kOfError * sides.error);
+}
+
+std::vector<Shared> gather(const std::vector<gltf::Leaf>& leaves, const std::optional<Sides>& sides,
+                           std::vector<std::vector<std::uint32_t>>& indices) {
   std::vector<Corner> corners;
   indices.resize(leaves.size());
   for (std::uint32_t l = 0; l < leaves.size(); ++l) {
@@ -51,9 +73,9 @@ std::vector<Shared> gather(const std::vector<gltf::Leaf>& leaves, std::vector<st
     }
   }
   for (Shared& v : out) {  // a vertex has a third of six triangles: the width squared is their area / 6 * 2
-    const double metres = std::sqrt(v.area / 6) * lattice::kMetresPerStep;
-    v.width = static_cast<std::int8_t>(std::clamp(std::ilogb(std::max(metres, 0.01)), kFinest, kWidest));
+    v.width = widthOf(std::sqrt(v.area / 6) * lattice::kMetresPerStep);
   }
+  if (sides) widenAlong(*sides, out);
   return out;
 }
 
@@ -105,11 +127,11 @@ void coloursOf(const terrain::Terrain& terrain, const terrain::Colours& colours,
 }  // namespace
 
 bool addAttributes(const terrain::Terrain& terrain, bool normals, bool wantsColours, std::vector<gltf::Leaf>& leaves,
-                   scheduling::Pool& pool, const Watch& watch) {
+                   const std::optional<Sides>& sides, scheduling::Pool& pool, const Watch& watch) {
   const terrain::Colours colours = wantsColours ? terrain.colours() : terrain::Colours();
   if (!normals && !colours) return true;
   std::vector<std::vector<std::uint32_t>> indices;
-  const std::vector<Shared> vertices = gather(leaves, indices);
+  const std::vector<Shared> vertices = gather(leaves, sides, indices);
   std::vector<Float3> normal(vertices.size());
   std::vector<std::array<std::uint16_t, 3>> colour(colours ? vertices.size() : 0);
   pool.forEach((vertices.size() + kBatch - 1) / kBatch, 1, [&](std::size_t k) {

@@ -85,10 +85,10 @@ void readForm(Parameters& p, Question& out) {
   out.colours = p.flag("colours");
 }
 
-std::optional<tileset::Place> readPlace(Parameters& p) {
+std::optional<earth::Place> readPlace(Parameters& p) {
   const auto value = p.take("at");
   if (!value) return std::nullopt;
-  const auto place = tileset::placeOf(*value);
+  const auto place = earth::placeOf(*value);
   if (!place)
     p.refuse("'at' is " + inQuotes(*value) +
              "; it must be LON,LAT or LON,LAT,HEIGHT: degrees within 360 and 90, and metres within 10,000,000.");

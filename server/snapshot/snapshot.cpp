@@ -366,7 +366,10 @@ Result<Snapshot> Snapshots::take(const session::Session& session, session::Groun
   if (metadataOnly) return out;
   watch.has(static_cast<std::uint32_t>(triangles));
   reaches(Progress::Stage::kColouring);
-  if (!addAttributes(terrain, question.normals, question.colours, document.leaves, *pool, watch)) return watch.problem();
+  std::optional<Sides> sides;
+  if (const auto* box = std::get_if<OfBox>(&question.of)) sides = {made->low, made->high, box->error};
+  if (const auto* tile = std::get_if<OfTile>(&question.of)) sides = {made->low, made->high, tile->box.error};
+  if (!addAttributes(terrain, question.normals, question.colours, document.leaves, sides, *pool, watch)) return watch.problem();
   if (question.texture) {
     reaches(Progress::Stage::kPainting);
     document.texture = paint(terrain, *made, question.texture, watch);

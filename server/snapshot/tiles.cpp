@@ -150,7 +150,7 @@ class Making {
     describeWorld(session_, ground_, root.origin, extras);
     root.extras = extras.dump();
     const bool isPrivate = !session_.resources().limits.sendsTerrain;
-    root.transform = tileset::rootOf(isPrivate ? nullptr : ground_.terrain->raster(), root.origin, question_.at);
+    root.transform = earth::rootOf(isPrivate ? nullptr : ground_.terrain->raster(), root.origin, question_.at);
     return tileset::rootTileset(pyramid, root);
   }
 

@@ -7,7 +7,7 @@
 // meshes.
 //
 // The root's axes begin in the middle of the box, at height 0. Its transform lays them on the Earth: by `at`, or by the map's CRS where
-// tileset::onEarth knows it. asset.extras: of ("tiles"), box, error, origin, georeference as in snapshot.h, and the number of tiles.
+// earth::onEarth knows it. asset.extras: of ("tiles"), box, error, origin, georeference as in snapshot.h, and the number of tiles.
 //
 // Bounds: kMostTiles, of which a hundred bytes each are held; `threads` tiles are in work.
 

@@ -161,7 +161,7 @@ std::string rootTileset(const terrain::Terrain& terrain, const Question& questio
   for (LeafAddress at = low; at.i <= high.i; ++at.i)
     for (at.j = low.j; at.j <= high.j; ++at.j)
       if (isTile(at)) root.squares.push_back(at);
-  root.transform = rootOf(question.isPrivate ? nullptr : terrain.raster(), question.middle, question.at);
+  root.transform = earth::rootOf(question.isPrivate ? nullptr : terrain.raster(), question.middle, question.at);
   return rootTileset({[&](LeafAddress at) { return knownBy(at, Heights(terrain, at, level)[at]); }, 0, std::string(query)}, root);
 }
 

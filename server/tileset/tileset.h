@@ -23,7 +23,7 @@
 
 #include "common/lattice/lattice.h"
 #include "common/terrain/terrain.h"
-#include "server/tileset/earth.h"
+#include "server/earth/earth.h"
 
 namespace ridgecast::tileset {
 
@@ -31,8 +31,9 @@ inline constexpr int kLevels = 3;                                               
 inline constexpr double kUsualReach = 200'000, kLeastReach = 100, kMostReach = 1'000'000;  // metres
 
 struct Question {
-  lattice::Point middle;       // lies at the place, with height 0 at the place's height
-  std::optional<Place> at;     // empty: where the map says (rootOf), otherwise the root's axes are the terrain's own, relative to `middle`
+  lattice::Point middle;  // lies at the place, with height 0 at the place's height
+  std::optional<earth::Place>
+      at;  // empty: where the map says (earth::rootOf), otherwise the root's axes are the terrain's own, relative to `middle`
   bool isPrivate = false;      // where the map lies is not told
   double reach = kUsualReach;  // metres: covered in all four directions, at least
 };
@@ -55,7 +56,7 @@ struct Pyramid {
 struct Root {
   std::vector<lattice::LeafAddress> squares;  // of one level
   lattice::Point origin;                      // of the root's axes: x east, y north, z up
-  std::optional<Matrix> transform;            // of the root; empty: none
+  std::optional<earth::Matrix> transform;     // of the root; empty: none
   double error = 0;         // metres: the root shows nothing, so it is refined while any of it is larger than a few pixels
   std::string extras = {};  // JSON object, of the asset
 };

@@ -85,6 +85,39 @@ TEST_F(MapTilesTest, HeightsAreThoseOfTheQueriesWithinHalfAUnit) {
   }
 }
 
+// Without a place of one's own; 204 beside the map where asked for.
+TEST_F(MapTilesTest, AMapThatSaysWhereItLiesLiesThere) {
+  class Map final : public terrain::Terrain, public terrain::Raster {
+   public:
+    std::string_view name() const override { return "map"; }
+    std::string_view source() const override { return ""; }
+    std::uint32_t seed() const override { return 1; }
+    const terrain::Raster* raster() const override { return this; }
+    const terrain::RasterShape& shape() const override { return shape_; }
+    terrain::RasterOrigin origin() const override { return {"clamp", "EPSG:32632", 800'000.0, 5'240'000.0, {}, {}}; }
+    void tile(terrain::TileAddress, terrain::Tile& out) const override { out.fill(0); }
+    void heights(std::span<const lattice::Step>, std::span<const lattice::Step>, std::span<float> out) const override {
+      std::ranges::fill(out, 700.0f);
+    }
+    terrain::RasterShape shape_{{-256'000, terrain::pitchOf(2560)}, {-256'000, terrain::pitchOf(2560)}, 201, 201, 0, 0, 7};
+  };
+  auto resources = std::make_shared<session::Resources>();
+  resources->executor = &executor;
+  resources->makeMesh = session::pipelineMeshes();
+  const Route route = mapTileRoute(std::make_shared<session::Directory>(resources, std::make_shared<Map>()));
+  const std::string here = "/v1/sessions/default/heights/14/8782/5746.png", beside = "/v1/sessions/default/heights/14/8700/5741.png";
+  ASSERT_TRUE(ask(route, here)->later);
+  EXPECT_EQ(ask(route, here)->later->work({}).status, 200u);
+  EXPECT_TRUE(ask(route, here + "?beyond=empty")->later);
+  EXPECT_TRUE(ask(route, beside)->later);
+  EXPECT_EQ(ask(route, beside + "?beyond=empty")->status, 204u);
+  EXPECT_EQ(ask(route, "/v1/sessions/default/heights/3/6/3.png?beyond=empty")->status, 204u);
+  EXPECT_EQ(ask(route, "/v1/sessions/default/heights/3/6/3.png")->status, 404u) << "UTM ends somewhere";
+  EXPECT_EQ(ask(route, here + "?beyond=all")->status, 400u);
+  EXPECT_NE(ask(route, here)->etag, ask(route, here + "?at=12.9,47.2")->etag);
+  EXPECT_THAT(ask("/v1/sessions/default/heights/14/8782/5741.png")->body, HasSubstr("Say at=LON,LAT"));
+}
+
 TEST_F(MapTilesTest, TakeNoThreadThatShortAnswersNeed) {
   for (const char* const target : {kTile, kColours}) EXPECT_TRUE(ask(target)->later->isTile);
 }

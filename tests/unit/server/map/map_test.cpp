@@ -10,6 +10,7 @@
 
 #include <jpeglib.h>
 
+#include "server/earth/earth.h"
 #include "server/map/mercator.h"
 #include "server/map/picture.h"
 #include "server/map/sheet.h"
@@ -54,6 +55,71 @@ TEST(Mercator, NeighboursContinueEachOtherAcrossThe180thMeridian) {
     EXPECT_NEAR(a.x + 256 * a.pitchX, b.x, 1e-3);
     EXPECT_LT(std::abs(b.x), 256 * b.pitchX);
   }
+}
+
+class Placed final : public terrain::Raster {
+ public:
+  const terrain::RasterShape& shape() const override { return shape_; }
+  terrain::RasterOrigin origin() const override {
+    terrain::RasterOrigin out;
+    out.crs = "EPSG:32632";
+    out.easting = 800'000;
+    out.northing = 5'240'000;
+    return out;
+  }
+  void tile(terrain::TileAddress, terrain::Tile& out) const override { out.fill(0); }
+  terrain::RasterShape shape_{
+      .x = {-256'000, terrain::pitchOf(2560)}, .z = {-256'000, terrain::pitchOf(2560)}, .width = 201, .height = 201};
+};
+
+// 300 km east of its zone's meridian the grid is turned by 2.8 degrees: a tile of 12 km lay 600 m off.
+TEST(Mercator, AMapsPixelsLieWhereItsGridHasThem) {
+  const Placed map;
+  const earth::Grid* const grid = earth::Grid::of("EPSG:32632");
+  ASSERT_TRUE(grid);
+  std::mt19937 random(4);
+  for (const int level : {9, 11, 14, 18}) {
+    const auto [x, y] = tileOf({12.96443, 47.24484}, level);
+    const TileAddress tile{level, static_cast<std::uint32_t>(x), static_cast<std::uint32_t>(y)}, east{level, tile.x + 1, tile.y};
+    const auto sheet = sheetOf(tile, map), beside = sheetOf(east, map);
+    ASSERT_TRUE(sheet && beside);
+    for (std::size_t j = 0; j < sheet->nodesAcross(); ++j) {
+      EXPECT_NEAR(sheet->nodes[(j + 1) * sheet->nodesAcross() - 1].x, beside->nodes[j * sheet->nodesAcross()].x, 1e-3);
+      EXPECT_NEAR(sheet->nodes[(j + 1) * sheet->nodesAcross() - 1].z, beside->nodes[j * sheet->nodesAcross()].z, 1e-3);
+    }
+    for (int k = 0; k < 50; ++k) {
+      const double column = random() % 256 + 0.5, row = random() % 256 + 0.5;
+      const double longitude = std::ldexp(tile.x + column / 256, 1 - level) * 180 - 180;
+      const double latitude =
+          std::atan(std::sinh(std::numbers::pi * (1 - std::ldexp(tile.y + row / 256, 1 - level)))) * 180 / std::numbers::pi;
+      const auto at = grid->at(longitude, latitude);
+      ASSERT_TRUE(at);
+      // Between nodes, by hand.
+      const std::size_t n = sheet->nodesAcross(), i = static_cast<std::size_t>(column / 32), j = static_cast<std::size_t>(row / 32);
+      const double s = column / 32 - static_cast<double>(i), t = row / 32 - static_cast<double>(j);
+      const auto mix = [&](double Sheet::Node::*c) {
+        const auto of = [&](std::size_t a, std::size_t b) { return sheet->nodes[b * n + a].*c; };
+        return (of(i, j) * (1 - s) + of(i + 1, j) * s) * (1 - t) + (of(i, j + 1) * (1 - s) + of(i + 1, j + 1) * s) * t;
+      };
+      EXPECT_NEAR(mix(&Sheet::Node::x), (at->easting - 800'000) * 256, 0.02 * sheet->pitchX + 0.01) << level;
+      EXPECT_NEAR(mix(&Sheet::Node::z), -(at->northing - 5'240'000) * 256, 0.02 * sheet->pitchZ + 0.01) << level;
+    }
+    EXPECT_FALSE(isBeside(*sheet, map.shape()));
+    EXPECT_EQ(isBeside(*sheetOf({level, tile.x, tile.y + (1u << (level - 8))}, map), map.shape()), true);
+  }
+  EXPECT_FALSE(sheetOf({3, 6, 3}, map)) << "the grid does not reach there";
+}
+
+// Laid elsewhere by hand, it stays turned.
+TEST(Mercator, AMapLaidElsewhereStaysTurned) {
+  const Placed map;
+  const Place place{-70, -33};
+  const Sheet straight = sheetOf({12, 1251, 2448}, place), turned = sheetOf({12, 1251, 2448}, place, &map);
+  const double length = std::hypot(straight.x - straight.pitchX / 2, straight.z - straight.pitchZ / 2);
+  EXPECT_NEAR(std::hypot(turned.nodes[0].x, turned.nodes[0].z), length, 1e-6 * length);
+  const double angle =
+      std::atan2(turned.nodes[0].z, turned.nodes[0].x) - std::atan2(straight.z - straight.pitchZ / 2, straight.x - straight.pitchX / 2);
+  EXPECT_NEAR(std::abs(angle), 2.83 * std::numbers::pi / 180, 0.1 * std::numbers::pi / 180);
 }
 
 TEST(Mercator, NeighboursContinueEachOther) {

@@ -102,6 +102,33 @@ TEST_F(TakeTest, SmallLeavesOfAPoseAreJoined) {
 }
 
 // Where leaves meet a vertex looks the same in all of them, and normals are those of the ground.
+// A third of them differed: each box took the width of its own triangles alone.
+TEST_F(TakeTest, BoxesThatShareASideHaveTheSameNormalsAndColoursThere) {
+  std::map<lattice::Point, std::pair<std::array<float, 3>, std::array<float, 3>>> seen;
+  std::size_t shared = 0, corners = 0;
+  for (const auto& [x, z] : {std::pair{0, 0}, {160, 0}, {0, 128}, {160, 128}}) {
+    std::ostringstream box;
+    box << "x0=" << x << "&z0=" << z << "&x1=" << x + 160 << "&z1=" << z + 128 << "&error=0.5";
+    const auto made = take(box.str());
+    ASSERT_TRUE(made) << made.error().message;
+    auto others = seen;
+    for (const auto& leaf : testing_support::readGlb(made->file).leaves)
+      for (const auto& [at, normal] : leaf.normals) {
+        const lattice::Point place{leaf.mesh.address.x() + at.x, leaf.mesh.address.z() + at.z};
+        const std::pair looks(normal, leaf.colours.at(at));
+        others.emplace(place, looks);
+        const auto known = seen.find(place);
+        if (known == seen.end()) continue;
+        ASSERT_EQ(known->second, looks) << place.x / 256.0 << ", " << place.z / 256.0;
+        ++shared;
+        corners += place == lattice::Point{160 * 256, 128 * 256};
+      }
+    seen = std::move(others);
+  }
+  EXPECT_GT(shared, 60u);
+  EXPECT_GE(corners, 3u);
+}
+
 TEST_F(TakeTest, NormalsAndColoursHaveNoSeams) {
   const auto made = take("x0=-100&z0=0&x1=200&z1=250&error=0.5");
   ASSERT_TRUE(made);

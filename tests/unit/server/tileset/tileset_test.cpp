@@ -292,7 +292,7 @@ TEST(Tileset, CliffsBecomeRampsAndTheGroundBesideThemKeepsItsError) {
 
 TEST(Tileset, ReachDecidesWhatIsCovered) {
   for (const double reach : {kLeastReach, 3'000.0, kUsualReach, kMostReach}) {
-    Question question{.middle = {12'345, -67'890}, .at = Place{}, .reach = reach};
+    Question question{.middle = {12'345, -67'890}, .at = earth::Place{}, .reach = reach};
     const Json set = Json::parse(rootTileset(*alpine(), question, ""));
     const Box box = boxOf(set["root"], {});
     for (int k = 0; k < 2; ++k) {
@@ -300,7 +300,7 @@ TEST(Tileset, ReachDecidesWhatIsCovered) {
       EXPECT_GE(box.high[k], reach);
       EXPECT_LE(box.high[k] - box.low[k], 4 * reach);
     }
-    EXPECT_EQ(set["root"]["transform"], Json(eastNorthUp({})));
+    EXPECT_EQ(set["root"]["transform"], Json(earth::eastNorthUp({})));
     EXPECT_LE(set["root"]["children"].size(), 300u);
   }
 }

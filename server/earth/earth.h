@@ -1,16 +1,18 @@
 #pragma once
-// Places on the ellipsoid WGS84, and planes laid on it.
+// Places on the ellipsoid WGS84, planes laid on it, and the grids of maps.
 //
 // Matrices are 4 x 4, by columns, from metres of a plane (x east, y north, z up) to the Earth's axes (EPSG:4978).
 
 #include <array>
+#include <memory>
 #include <optional>
+#include <string>
 #include <string_view>
 
 #include "common/lattice/lattice.h"
 #include "common/terrain/raster.h"
 
-namespace ridgecast::tileset {
+namespace ridgecast::earth {
 
 using Matrix = std::array<double, 16>;
 
@@ -29,15 +31,35 @@ std::optional<Place> placeOf(std::string_view text);
 //   place = ((N + h) cos lat cos lon, (N + h) cos lat sin lon, (N (1 - e^2) + h) sin lat)
 Matrix eastNorthUp(const Place& place);
 
+// The grid of a projected CRS, EPSG:N or +proj=..., by PROJ, which takes the best way to WGS84 that needs no grids but those installed. One
+// thread.
+class Grid {
+ public:
+  // A thread keeps the one that it asked for last: making one takes tens of milliseconds. Null: PROJ does not know it, or not as projected.
+  static const Grid* of(const std::string& crs);
+  ~Grid();
+  // Metres of EPSG:4978, and from degrees; empty: there is no such place.
+  std::optional<std::array<double, 3>> onEarth(const terrain::GridPlace& at) const;
+  std::optional<terrain::GridPlace> at(double longitude, double latitude) const;
+
+ private:
+  struct Projection;
+  explicit Grid(const std::string& crs);
+  std::unique_ptr<Projection> projection_;
+};
+
 // The plane of a map around one of its places, turned and scaled as the grid is there, by its CRS as terrain::RasterOrigin has it, and
 // metres; empty: not one of these.
-//   EPSG:N                               any projected CRS that PROJ knows, by the best way to WGS84 that needs no grids but those installed
+//   EPSG:N                               any of a Grid
 //   +proj=ortho +lat_0=LAT +lon_0=LON    the map's own plane (common/user_terrain/degrees.h)
 // The map's heights count from the ellipsoid, whatever they are: those above the sea lie up to 100 m too low or too high.
 std::optional<Matrix> onEarth(std::string_view crs, double easting, double northing);
 
-// Where the axes x east, y north, z up of `origin` lie: where the map says, if there is one, or at a place of one's own, turned against north
-// there as the map's grid is where it lies. Empty: neither says where.
+// A plane's axes x and y, seen from east, north and up of its place.
+std::array<std::array<double, 3>, 2> axesOf(const Matrix& plane);
+
+// Where the axes x east, y north, z up of `origin` lie: where the map says, if there is one, or at a place of one's own, turned against
+// north there as the map's grid is where it lies. Empty: neither says where.
 std::optional<Matrix> rootOf(const terrain::Raster* map, lattice::Point origin, const std::optional<Place>& at);
 
-}  // namespace ridgecast::tileset
+}  // namespace ridgecast::earth

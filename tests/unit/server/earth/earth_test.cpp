@@ -1,11 +1,11 @@
-#include "server/tileset/earth.h"
+#include "server/earth/earth.h"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
 #include <numbers>
 
-namespace ridgecast::tileset {
+namespace ridgecast::earth {
 namespace {
 
 constexpr double kDegree = std::numbers::pi / 180;
@@ -140,4 +140,4 @@ TEST(Earth, OtherMapsArePlacedByHand) {
 }
 
 }  // namespace
-}  // namespace ridgecast::tileset
+}  // namespace ridgecast::earth
