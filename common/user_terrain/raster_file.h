@@ -59,7 +59,7 @@ class RasterFile {
 // file, content does not match the name, more than one band, truncated, too large, ...
 Outcome<std::unique_ptr<RasterFile>> openRaster(const std::filesystem::path& file, const RasterOptions& options);
 
-// A GeoTIFF of red, green, blue and perhaps alpha, 8 or 16 bits each. Errors as of openRaster.
+// A GeoTIFF of red, green, blue and perhaps alpha, 8 or 16 bits each, or what GDAL makes of another file. Errors as of openRaster.
 Outcome<std::unique_ptr<RasterFile>> openPicture(const std::filesystem::path& file);
 
 // One of the formats, chosen by openRaster. `size` is the file's length in bytes.
