@@ -134,7 +134,7 @@ TEST_F(Maps, UnitsScalesAndOffsetsAreApplied) {
   const auto scaled = [](double h) { return h * 0.1 - 500; };
   const std::string unit =
       "gdal_translate -q -of VRT plain.tif map0.vrt; sed 's|<ColorInterp>|<UnitType>UNIT</UnitType>&|' map0.vrt > map.vrt; ";
-  const auto inUnit = [&](std::string name, const std::string& more) {
+  const auto inUnit = [&](const std::string& name, const std::string& more) {
     std::string script = unit;
     return script.replace(script.find("UNIT<"), 4, name) + more;
   };
