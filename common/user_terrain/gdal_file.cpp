@@ -23,7 +23,8 @@ using std::filesystem::path;
 
 constexpr std::size_t kMostFilesOfFolder = 4096;
 constexpr std::size_t kMostVirtual = std::size_t{16} << 20;
-constexpr int kMostMegabytes = 256;  // of GDAL's cache
+constexpr std::uint64_t kMostTranslated = std::uint64_t{1} << 30;  // samples
+constexpr int kMostMegabytes = 256;                                // of GDAL's cache
 
 // Drivers that ask a server for what a small file names.
 constexpr const char* kSkipped =
@@ -296,6 +297,13 @@ class Reading {
                                 (isPicture_ ? 3 * (header_.white > 255 ? 2 : 1)
                                  : isWide_  ? 8
                                             : 4);
+    std::error_code failed;
+    const auto room = std::filesystem::space(tools_.file(""), failed);
+    if (std::uint64_t{header_.width} * header_.height > kMostTranslated || (!failed && room.available < 2 * bytes))
+      return error(
+          "GDAL's programs would write " + std::to_string(2 * bytes / 1'000'000) +
+          " MB, for more than 2^30 samples or more than there is room for: make a plain GeoTIFF of it (gdal_translate), or set TMPDIR "
+          "to a folder that has the room");
     std::vector<std::string> arguments{
         "-q",    "-of",  "GTiff", "-co", "PROFILE=BASELINE", "-co", "BIGTIFF=IF_SAFER", "-co", "INTERLEAVE=PIXEL", "-a_nodata", "none",
         "-mask", "none", "-b",    "1"};

@@ -49,7 +49,8 @@ Outcome<void> checkClaim(const std::string& file, std::uint64_t width, std::uint
   if (width > 0xffffffffu || height > 0xffffffffu || width > kMostSamples / height)
     return Error{file + ": it claims " + claim + "; there are at most 2^32"};
   const std::uint64_t bytes = width * height * sampleBytes;
-  if (packed ? bytes > kBelieved && bytes / kMostUnpacked > size : bytes > size)
+  const bool isTooWell = (bytes > kBelieved && bytes / kMostUnpacked > size) || width * sampleBytes / kMostUnpacked > size;
+  if (packed ? isTooWell : bytes > size)
     return Error{file + ": it claims " + claim + ", " + std::to_string(bytes) + " bytes, but the file has only " + std::to_string(size) +
                  "; it is cut off or broken"};
   if (width * sampleBytes > kMostRowBytes) return Error{file + ": a row of " + std::to_string(width) + " samples is too long to read"};

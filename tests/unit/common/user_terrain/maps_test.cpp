@@ -326,6 +326,7 @@ TEST_F(Maps, HostileFilesReachNothingElse) {
   EXPECT_THAT(refusal(vrt("map.vrt"), "map.vrt"), HasSubstr("GDAL cannot read it"));
   EXPECT_THAT(refusal(vrt("plain.tif", 2'000'000'000), "map.vrt"),
               testing::AnyOf(HasSubstr("there are at most 2^32"), HasSubstr("too long to read")));
+  EXPECT_THAT(refusal(vrt("plain.tif", 100'000'000), "map.vrt"), HasSubstr("more than 2^30 samples"));
   EXPECT_THAT(
       refusal("printf '<GDAL_WMS><Service name=\"TMS\"><ServerUrl>http://127.0.0.1:9/${z}</ServerUrl></Service></GDAL_WMS>' > map.xml",
               "map.xml"),
