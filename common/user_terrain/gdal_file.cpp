@@ -265,6 +265,8 @@ class Reading {
     };
     if (const Json epsg = info_.value("stac", Json::object()).value("proj:epsg", Json()); epsg.is_number_unsigned() && epsg < 65536)
       header_.epsg = epsg.get<std::uint16_t>();
+    else
+      header_.crs = proj.substr(0, proj.find_last_not_of(" \n") + 1);
     if (value("proj") == "longlat") {
       if (!value("pm").empty()) return error("its longitudes do not count from Greenwich: gdalwarp -t_srs EPSG:4326 makes them");
       if (std::abs(west) <= 360 && std::abs(north) <= 90.5) header_.degrees = DegreeGrid{west + across / 2, north - down / 2, across, down};

@@ -35,6 +35,7 @@ struct RasterHeader {
   double pitchDown = 0;                     // and from row to row, if there is a pitch
   std::optional<double> easting, northing;  // of the first sample, metres
   std::uint16_t epsg = 0;                   // of the projected coordinate system; 0: unknown
+  std::string crs;                          // of one without such a number, for PROJ; empty: unknown
   std::optional<DegreeGrid> degrees;        // instead of the pitch and the place, if the file is in degrees
   double heightUnit = 1;                    // metres
   std::string unread;                       // what the file says beyond that, as the beginning of a sentence; empty: nothing

@@ -204,7 +204,7 @@ terrain::RasterOrigin originOf(const RasterHeader& header, const RasterOptions& 
   terrain::RasterOrigin origin;
   origin.edge = options.edge == Edge::kConstant ? text::rounded(options.constant, 9) : kEdges.at(static_cast<std::size_t>(options.edge));
   origin.read = header.read;
-  if (header.epsg != 0) origin.crs = "EPSG:" + std::to_string(header.epsg);
+  origin.crs = header.epsg != 0 ? "EPSG:" + std::to_string(header.epsg) : header.crs;
   if (header.easting) {
     origin.easting = *header.easting + (shape.width - 1) * shape.x.metres() / 2;
     origin.northing = *header.northing - (shape.height - 1) * shape.z.metres() / 2;

@@ -14,7 +14,7 @@ namespace {
 
 class RawFile final : public RasterFile {
  public:
-  RawFile(std::string name, std::ifstream in, RasterHeader header, bool bigEndian, bool isSigned)
+  RawFile(std::string name, std::ifstream in, const RasterHeader& header, bool bigEndian, bool isSigned)
       : name_(std::move(name)),
         in_(std::move(in)),
         header_(header),

@@ -17,6 +17,7 @@
 #include <vector>
 
 #include "common/text/text.h"
+#include "common/user_terrain/child.h"
 #include "common/user_terrain/raster_file.h"
 
 namespace ridgecast::user_terrain {
@@ -412,7 +413,9 @@ class TiffFile final : public RasterFile {
     else if (options.scale == 1)
       header_.unread = "its heights are in a unit that is not known here";
     if (header_.unread.empty() && !options.pitch) header_.unread = unknownPlace(keys);
+    if (header_.unread.empty() && keys.projection == kOwn && findProgram("gdalinfo")) header_.unread = "its CRS has no EPSG number";
     if (!header_.unread.empty()) return {};
+    if (keys.projection == kOwn) header_.read = "its CRS has no EPSG number: without the package gdal-bin it does not lie on Earth";
     const auto grid = readGrid(options);
     if (!grid) return grid.error();
     if (!*grid) return {};

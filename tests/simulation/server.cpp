@@ -88,6 +88,7 @@ void Server::fill(std::uint64_t edits, lattice::Point near) {
 }
 
 bool Server::start() {
+  if (isUp() && !runs()) return false;  // a third server might take the session that the second waits for, and members would not know
   Program& program = isUp() ? beside_ : now_;
   if (program.directory) return true;
   program.executor = std::make_unique<scheduling::Executor>(scheduling::Executor::WithoutThreads{});

@@ -205,7 +205,9 @@ TEST_F(Drapes, WideFootprintsSeeTheMeanLight) {
   std::mt19937 random(9);
   std::vector<int> bytes(std::size_t{128} * 128 * 3);
   for (int& v : bytes) v = static_cast<int>(random() % 256);
-  const auto sample = [&](int x, int z, int band) { return bytes[static_cast<std::size_t>((z * 128 + x) * 3 + band)]; };
+  const auto sample = [&](int x, int z, int band) {
+    return bytes[(static_cast<std::size_t>(z) * 128 + static_cast<std::size_t>(x)) * 3 + static_cast<std::size_t>(band)];
+  };
   const auto noise = load({.width = 128, .height = 128, .sample = sample});
   for (int k = 1; k < 7; ++k) {
     Colour wanted{};

@@ -161,6 +161,9 @@ TEST_F(Maps, UnitsScalesAndOffsetsAreApplied) {
            Case{.script = "gdal_translate -q -a_srs EPSG:2263 plain.tif map.tif", .unit = 12 / 39.37},
            Case{.script = "gdal_translate -q -a_srs EPSG:2263+6360 plain.tif map.tif", .unit = 12 / 39.37, .height = surveyFeet},
            Case{.script = "gdal_translate -q -a_srs EPSG:2222 plain.tif map.tif", .unit = 0.3048},
+           Case{.script = "gdal_translate -q -a_srs '+proj=utm +zone=25 +south +ellps=intl +towgs84=-206,172,-6,0,0,0,0 +units=m' "
+                          "plain.tif map.tif",
+           .said = "+proj=utm +zone=25 +south +ellps=intl +towgs84=-206,172,-6,0,0,0,0"},
            Case{.script = "gdal_translate -q -a_srs EPSG:2056 plain.tif map.tif"},
            Case{.script = "gdal_translate -q -a_srs EPSG:2263 -of VRT plain.tif map.vrt",
            .file = "map.vrt",

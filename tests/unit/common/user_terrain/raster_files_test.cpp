@@ -168,6 +168,11 @@ TEST_F(RasterFiles, SaysWhatWasUnderstoodOfAMap) {
   EXPECT_EQ(describe(*load(file("map.tif"), {"edge=mirror"})->raster()),
             "50 x 40 samples, 30 m apart (1470 x 1170 m), 0 to 137 m high, EPSG:32632, middle at easting 500750, northing 4599400, "
             "edge mirror");
+  tiff("own.tif", {.keys = {1024, 1, 3072, 32767, 3076, 9001}, .sample = bumpy});
+  const std::string path = std::getenv("PATH");
+  setenv("PATH", "/nowhere", 1);
+  EXPECT_THAT(describe(*load(file("own.tif"))->raster()), HasSubstr("edge clamp; its CRS has no EPSG number"));
+  setenv("PATH", path.c_str(), 1);
   tiff("bare.tif", {.geographic = false, .sample = [](int, int) { return 3.5; }});
   EXPECT_EQ(describe(*load(file("bare.tif"), {"edge=-12.5"})->raster()),
             "50 x 40 samples, 1 m apart (49 x 39 m), -12.5 to 3.5 m high, edge -12.5");
