@@ -40,8 +40,11 @@ struct Grid::Projection {
     PJ_CONTEXT* const c = context.get();
     proj_log_level(c, PJ_LOG_NONE);
     const Object from(proj_create(c, (crs.starts_with("+proj") ? crs + " +type=crs" : crs).c_str()));
-    if (!from || proj_get_type(from.get()) != PJ_TYPE_PROJECTED_CRS) return;
-    const Object axes(proj_crs_get_coordinate_system(c, from.get()));
+    if (!from) return;
+    const Object inside(proj_get_type(from.get()) == PJ_TYPE_BOUND_CRS ? proj_get_source_crs(c, from.get()) : nullptr);  // of +towgs84
+    const PJ* const projected = inside ? inside.get() : from.get();
+    if (proj_get_type(projected) != PJ_TYPE_PROJECTED_CRS) return;
+    const Object axes(proj_crs_get_coordinate_system(c, projected));
     proj_cs_get_axis_info(c, axes.get(), 0, nullptr, nullptr, nullptr, &unit, nullptr, nullptr, nullptr);
     const auto to = [&](const char* other) {
       const Object target(proj_create(c, other));
