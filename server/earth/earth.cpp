@@ -7,6 +7,7 @@
 #include <memory>
 #include <numbers>
 #include <string>
+#include <tuple>
 
 #include "common/text/text.h"
 
@@ -16,13 +17,6 @@ namespace {
 
 constexpr double kRadius = 6'378'137, kFlattening = 1 / 298.257223563, kEccentricity2 = kFlattening * (2 - kFlattening);
 constexpr double kRadians = std::numbers::pi / 180;
-
-std::optional<double> valueOf(std::string_view text, std::string_view name) {
-  const auto at = text.find(name);
-  if (at == std::string_view::npos) return std::nullopt;
-  text.remove_prefix(at + name.size());
-  return text::number<double>(text::takePart(text, ' '));
-}
 
 }  // namespace
 
@@ -36,7 +30,7 @@ struct Grid::Projection {
   Object earth, degrees;  // from the grid
   double unit = 1;        // metres
 
-  explicit Projection(const std::string& crs) {
+  Projection(const std::string& crs, const terrain::GridPlace& about) {
     PJ_CONTEXT* const c = context.get();
     proj_log_level(c, PJ_LOG_NONE);
     const Object from(proj_create(c, (crs.starts_with("+proj") ? crs + " +type=crs" : crs).c_str()));
@@ -49,22 +43,27 @@ struct Grid::Projection {
     const auto to = [&](const char* other) {
       const Object target(proj_create(c, other));
       const Object plain(target ? proj_create_crs_to_crs_from_pj(c, from.get(), target.get(), nullptr, nullptr) : nullptr);
-      return Object(plain ? proj_normalize_for_visualization(c, plain.get()) : nullptr);
+      Object way(plain ? proj_normalize_for_visualization(c, plain.get()) : nullptr);
+      if (!way) return way;
+      // Of the ways that there are, one for the whole map: the best where it lies. Elsewhere another might be better, by a hundred metres.
+      proj_trans(way.get(), PJ_FWD, proj_coord(about.easting / unit, about.northing / unit, 0, HUGE_VAL));
+      Object best(proj_trans_get_last_used_operation(way.get()));
+      return best ? std::move(best) : std::move(way);
     };
     earth = to("EPSG:4978");
     degrees = to("EPSG:4326");
   }
 };
 
-Grid::Grid(const std::string& crs) : projection_(std::make_unique<Projection>(crs)) {}
+Grid::Grid(const std::string& crs, const terrain::GridPlace& about) : projection_(std::make_unique<Projection>(crs, about)) {}
 Grid::~Grid() = default;
 
-const Grid* Grid::of(const std::string& crs) {
-  thread_local std::string last;
+const Grid* Grid::of(const std::string& crs, const terrain::GridPlace& about) {
+  thread_local std::tuple<std::string, double, double> last;
   thread_local std::unique_ptr<Grid> grid;
-  if (!grid || last != crs) {
-    grid.reset(new Grid(crs));
-    last = crs;
+  if (std::tuple asked(crs, about.easting, about.northing); !grid || last != asked) {
+    grid.reset(new Grid(crs, about));
+    last = std::move(asked);
   }
   return grid->projection_->earth && grid->projection_->degrees ? grid.get() : nullptr;
 }
@@ -115,19 +114,13 @@ Matrix eastNorthUp(const Place& place) {
           1};
 }
 
-std::optional<Matrix> onEarth(std::string_view crs, double easting, double northing) {
-  if (crs.starts_with("+proj=ortho ")) {
-    const auto latitude = valueOf(crs, "+lat_0="), longitude = valueOf(crs, "+lon_0=");
-    if (!latitude || !longitude) return std::nullopt;
-    Matrix plane = eastNorthUp({*longitude * kRadians, *latitude * kRadians});
-    for (std::size_t k = 0; k < 3; ++k) plane[12 + k] += easting * plane[k] + northing * plane[4 + k];
-    return plane;
-  }
+std::optional<Matrix> onEarth(const std::string& crs, const terrain::GridPlace& about, const terrain::GridPlace& at) {
   constexpr double kAround = 1000;  // metres, either way
-  const Grid* const grid = crs.empty() ? nullptr : Grid::of(std::string(crs));
+  const Grid* const grid = crs.empty() ? nullptr : Grid::of(crs, about);
   if (!grid) return std::nullopt;
-  const auto at = [&](double x, double y) { return grid->onEarth({easting + x, northing + y}); };
-  const auto here = at(0, 0), west = at(-kAround, 0), east = at(kAround, 0), south = at(0, -kAround), north = at(0, kAround);
+  const auto beside = [&](double x, double y) { return grid->onEarth({at.easting + x, at.northing + y}); };
+  const auto here = beside(0, 0), west = beside(-kAround, 0), east = beside(kAround, 0), south = beside(0, -kAround),
+             north = beside(0, kAround);
   if (!here || !west || !east || !south || !north) return std::nullopt;
   // The ellipsoid's normal: the place lies on it, or on another one that is at most some hundred metres beside it.
   const double longitude = std::atan2((*here)[1], (*here)[0]),
@@ -150,17 +143,59 @@ std::array<std::array<double, 3>, 2> axesOf(const Matrix& plane) {
   return out;
 }
 
-std::optional<Matrix> rootOf(const terrain::Raster* map, lattice::Point origin, const std::optional<Place>& at) {
+Matrix product(const Matrix& b, const Matrix& a) {
+  Matrix out{};
+  for (std::size_t column = 0; column < 4; ++column)
+    for (std::size_t row = 0; row < 4; ++row)
+      for (std::size_t k = 0; k < 4; ++k) out[4 * column + row] += b[4 * k + row] * a[4 * column + k];
+  return out;
+}
+
+Matrix inverse(const Matrix& m) {
+  const auto minor = [&](std::size_t a, std::size_t b, std::size_t c, std::size_t d) { return m[a] * m[b] - m[c] * m[d]; };
+  Matrix out{};
+  out[0] = minor(5, 10, 6, 9), out[1] = minor(2, 9, 1, 10), out[2] = minor(1, 6, 2, 5);
+  out[4] = minor(6, 8, 4, 10), out[5] = minor(0, 10, 2, 8), out[6] = minor(2, 4, 0, 6);
+  out[8] = minor(4, 9, 5, 8), out[9] = minor(1, 8, 0, 9), out[10] = minor(0, 5, 1, 4);
+  const double determinant = m[0] * out[0] + m[4] * out[1] + m[8] * out[2];
+  for (double& v : out) v /= determinant;
+  for (std::size_t row = 0; row < 3; ++row) out[12 + row] = -(out[row] * m[12] + out[4 + row] * m[13] + out[8 + row] * m[14]);
+  out[15] = 1;
+  return out;
+}
+
+std::optional<Placement> Placement::of(const terrain::Raster* map, lattice::Point origin, const std::optional<Place>& at) {
+  Placement out;
+  out.origin_ = origin;
   const auto grid = map ? terrain::onGrid(*map, origin) : std::nullopt;
-  const auto own = grid ? onEarth(map->origin().crs, grid->easting, grid->northing) : std::nullopt;
-  if (!at) return own;
-  const Matrix there = eastNorthUp(*at);
-  if (!own) return there;
-  const auto [eastern, northern] = axesOf(*own);
-  Matrix out = there;
+  const auto own = grid ? onEarth(map->origin().crs, *grid, *grid) : std::nullopt;
+  if (!at) {
+    if (!own) return std::nullopt;
+    out.crs_ = map->origin().crs;
+    out.grid_ = *grid;
+    return out;
+  }
+  out.crs_ = "+proj=aeqd +lat_0=" + text::rounded(at->latitude / kRadians, 17) + " +lon_0=" + text::rounded(at->longitude / kRadians, 17) +
+             " +datum=WGS84 +units=m";
+  out.height_ = at->height;
+  if (own) {
+    const auto eastern = axesOf(*own)[0];
+    const double length = std::hypot(eastern[0], eastern[1]);
+    out.cosine_ = eastern[0] / length;
+    out.sine_ = eastern[1] / length;
+  }
+  return out;
+}
+
+std::optional<Matrix> Placement::at(lattice::Point place) const {
+  const double x = lattice::metres(place.x - origin_.x), y = -lattice::metres(place.z - origin_.z);
+  auto plane = onEarth(crs_, grid_, {grid_.easting + cosine_ * x - sine_ * y, grid_.northing + sine_ * x + cosine_ * y});
+  if (!plane) return std::nullopt;
+  Matrix out = *plane;
   for (std::size_t k = 0; k < 3; ++k) {
-    out[k] = eastern[0] * there[k] + eastern[1] * there[4 + k] + eastern[2] * there[8 + k];
-    out[4 + k] = northern[0] * there[k] + northern[1] * there[4 + k] + northern[2] * there[8 + k];
+    out[k] = cosine_ * (*plane)[k] + sine_ * (*plane)[4 + k];
+    out[4 + k] = cosine_ * (*plane)[4 + k] - sine_ * (*plane)[k];
+    out[12 + k] += height_ * out[8 + k];
   }
   return out;
 }

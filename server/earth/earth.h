@@ -35,8 +35,9 @@ Matrix eastNorthUp(const Place& place);
 // thread.
 class Grid {
  public:
-  // A thread keeps the one that it asked for last: making one takes tens of milliseconds. Null: PROJ does not know it, or not as projected.
-  static const Grid* of(const std::string& crs);
+  // By the way that is best `about` a place on it. A thread keeps the one that it asked for last: making one takes tens of milliseconds.
+  // Null: PROJ does not know it, or not as projected.
+  static const Grid* of(const std::string& crs, const terrain::GridPlace& about);
   ~Grid();
   // Metres of EPSG:4978, and from degrees; empty: there is no such place.
   std::optional<std::array<double, 3>> onEarth(const terrain::GridPlace& at) const;
@@ -44,22 +45,38 @@ class Grid {
 
  private:
   struct Projection;
-  explicit Grid(const std::string& crs);
+  Grid(const std::string& crs, const terrain::GridPlace& about);
   std::unique_ptr<Projection> projection_;
 };
 
-// The plane of a map around one of its places, turned and scaled as the grid is there, by its CRS as terrain::RasterOrigin has it, and
-// metres; empty: not one of these.
-//   EPSG:N                               any of a Grid
-//   +proj=ortho +lat_0=LAT +lon_0=LON    the map's own plane (common/user_terrain/degrees.h)
-// The map's heights count from the ellipsoid, whatever they are: those above the sea lie up to 100 m too low or too high.
-std::optional<Matrix> onEarth(std::string_view crs, double easting, double northing);
+// The plane of a grid around one of its places: it touches the ellipsoid there, turned and scaled as the grid is, by its CRS as
+// terrain::RasterOrigin has it, and metres. Empty: PROJ does not know the CRS, or it has no such place.
+std::optional<Matrix> onEarth(const std::string& crs, const terrain::GridPlace& about, const terrain::GridPlace& at);
 
 // A plane's axes x and y, seen from east, north and up of its place.
 std::array<std::array<double, 3>, 2> axesOf(const Matrix& plane);
 
-// Where the axes x east, y north, z up of `origin` lie: where the map says, if there is one, or at a place of one's own, turned against
-// north there as the map's grid is where it lies. Empty: neither says where.
-std::optional<Matrix> rootOf(const terrain::Raster* map, lattice::Point origin, const std::optional<Place>& at);
+// a, then b.
+Matrix product(const Matrix& b, const Matrix& a);
+Matrix inverse(const Matrix& affine);
+
+// How a world, which is a plane, lies on the globe: where the map's grid has it or, laid at a place of one's own, by distance and azimuth
+// from there (PROJ: aeqd), turned against north as the map's grid is where it lies. Each place has its own plane, so nothing hangs above
+// the curve of the Earth. A map's heights count from the ellipsoid, whatever they are: those above the sea lie up to 100 m too low or too
+// high.
+class Placement {
+ public:
+  // `origin` lies at `at`, if that is given. Empty: neither that nor the map says where.
+  static std::optional<Placement> of(const terrain::Raster* map, lattice::Point origin, const std::optional<Place>& at);
+  // From metres of x east, y north, z up of a place of the world to EPSG:4978; empty: the CRS does not reach there.
+  std::optional<Matrix> at(lattice::Point place) const;
+
+ private:
+  std::string crs_;
+  terrain::GridPlace grid_;  // of origin_
+  lattice::Point origin_;
+  double cosine_ = 1, sine_ = 0;  // of the turn from the grid's east to x
+  double height_ = 0;
+};
 
 }  // namespace ridgecast::earth

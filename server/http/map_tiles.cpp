@@ -121,7 +121,8 @@ std::optional<Answer> answerTile(const Request& request, const session::Director
     sheet = map::sheetOf(*wanted->tile, *asked->at, map);
   else if (map)
     sheet = map::sheetOf(*wanted->tile, *map);
-  const bool isPlaced = asked->at || (map && terrain::onGrid(*map, {}) && earth::Grid::of(map->origin().crs));
+  const auto grid = map ? terrain::onGrid(*map, {}) : std::nullopt;
+  const bool isPlaced = asked->at || (grid && earth::Grid::of(map->origin().crs, *grid));
   if (!isPlaced)
     return openRefusal(400, "Say at=LON,LAT, where the world's origin lies, in degrees: its terrain does not say where on Earth it lies.");
   if (asked->emptyBeyond && (!sheet || (samples && map::isBeside(*sheet, samples->shape())))) {

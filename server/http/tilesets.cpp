@@ -1,6 +1,7 @@
 #include "server/http/tilesets.h"
 
 #include <cmath>
+#include <numbers>
 #include <optional>
 #include <string>
 #include <utility>
@@ -20,7 +21,7 @@ namespace {
 
 constexpr std::string_view kFolder = "3dtiles/", kRoot = "3dtiles/tileset.json";
 constexpr double kMostMetres = 4e12;
-constexpr int kVersion = 2;  // part of the ETag: change it when the same question gives another tileset
+constexpr int kVersion = 3;  // part of the ETag: change it when the same question gives another tileset
 
 bool isThere(std::string_view file) { return file.starts_with(kFolder) && (file.ends_with(".json") || file.ends_with(".glb")); }
 
@@ -66,6 +67,13 @@ std::string handedOn(const Asked& asked, const std::string& content) {
   if (asked.form.compression == gltf::Compression::kDraco) out += "&compression=draco";
   if (!asked.form.normals) out += "&normals=0";
   if (!asked.form.colours) out += "&colours=0";
+  if (asked.where.at) {
+    const auto [x, z] = asked.where.middle;
+    constexpr double kDegrees = 180 / std::numbers::pi;
+    out += "&at=" + text::rounded(asked.where.at->longitude * kDegrees, 17) + "," + text::rounded(asked.where.at->latitude * kDegrees, 17) +
+           "," + text::rounded(asked.where.at->height, 17) + "&x=" + text::rounded(lattice::metres(x), 17) +
+           "&z=" + text::rounded(lattice::metres(z), 17);
+  }
   return out;
 }
 
@@ -89,7 +97,7 @@ Answer tilesetAnswer(const Maker& maker, const session::Ground& ground, const As
   else
     key += " root " + std::to_string(asked.where.middle.x) + " " + std::to_string(asked.where.middle.z) + " " +
            text::rounded(asked.where.reach, 17);
-  if (const terrain::Raster* const map = ground.terrain->raster(); !square && map && !asked.where.isPrivate)
+  if (const terrain::Raster* const map = ground.terrain->raster(); map && !asked.where.isPrivate)
     if (const auto grid = terrain::onGrid(*map, asked.where.middle))
       key += " " + map->origin().crs + " " + text::rounded(grid->easting, 17) + " " + text::rounded(grid->northing, 17);
   if (!square && asked.where.at)
@@ -100,13 +108,13 @@ Answer tilesetAnswer(const Maker& maker, const session::Ground& ground, const As
     return withToken(std::move(a), token);
   };
   if (auto known = maker.cache->find(etag)) return finished(std::move(*known));
-  Answer a = finished(opened(madeBy(
-      {.work = [finished, etag, square, query, where = asked.where, terrain = ground.terrain, cache = maker.cache](const std::stop_token&) {
-        Answer made = opened(json(square ? tileset::tilesetOf(*terrain, *square, query) : tileset::rootTileset(*terrain, where, query)));
-        made.etag = etag;
-        cache->keep(made);
-        return finished(std::move(made));
-      }})));
+  Answer a = finished(opened(madeBy({.work = [finished, etag, square, query, where = asked.where, terrain = ground.terrain,
+                                              cache = maker.cache](const std::stop_token&) {
+    Answer made = opened(json(square ? tileset::tilesetOf(*terrain, where, *square, query) : tileset::rootTileset(*terrain, where, query)));
+    made.etag = etag;
+    cache->keep(made);
+    return finished(std::move(made));
+  }})));
   a.etag = etag;
   return a;
 }

@@ -43,7 +43,7 @@ Sheet sheetOf(const TileAddress& tile, const Place& origin, const terrain::Raste
   out.x = (west + pixel / 2) * scale;
   out.z = (originY - half + (std::ldexp(tile.y, 8) + 0.5) * pixel) * scale;
   const auto grid = map ? terrain::onGrid(*map, {}) : std::nullopt;
-  const auto plane = grid ? earth::onEarth(map->origin().crs, grid->easting, grid->northing) : std::nullopt;
+  const auto plane = grid ? earth::onEarth(map->origin().crs, *grid, *grid) : std::nullopt;
   if (!plane) return out;
   const auto [eastern, northern] = earth::axesOf(*plane);
   const double length = std::hypot(eastern[0], eastern[1]), c = eastern[0] / length, s = eastern[1] / length;
@@ -57,7 +57,7 @@ Sheet sheetOf(const TileAddress& tile, const Place& origin, const terrain::Raste
 
 std::optional<Sheet> sheetOf(const TileAddress& tile, const terrain::Raster& map) {
   const auto origin = terrain::onGrid(map, {});
-  const earth::Grid* const grid = origin ? earth::Grid::of(map.origin().crs) : nullptr;
+  const earth::Grid* const grid = origin ? earth::Grid::of(map.origin().crs, *origin) : nullptr;
   if (!grid) return std::nullopt;
   Sheet out;
   out.columns = out.rows = kTilePixels;

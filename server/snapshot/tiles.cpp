@@ -127,7 +127,7 @@ class Making {
                                      const auto found = known_.find(square);
                                      return found == known_.end() ? std::nullopt : std::optional(found->second);
                                    },
-                                   levels_.finest, ""};
+                                   levels_.finest, "", placement()};
     bool done = true;
     for (int level = levels_.coarsest; level > levels_.finest; level -= tileset::kLevels)
       Squares(box_, level).forEach([&](LeafAddress square) {
@@ -136,11 +136,17 @@ class Making {
     return done && put("tileset.json", root(pyramid));
   }
 
+  lattice::Point origin() const { return {(box_.low.x + box_.high.x) / 2, (box_.low.z + box_.high.z) / 2}; }
+  std::optional<earth::Placement> placement() const {
+    const bool isPrivate = !session_.resources().limits.sendsTerrain;
+    return earth::Placement::of(isPrivate ? nullptr : ground_.terrain->raster(), origin(), question_.at);
+  }
+
   std::string root(const tileset::Pyramid& pyramid) const {
     tileset::Root root;
     const auto metres = [](Step steps) { return static_cast<double>(steps) * lattice::kMetresPerStep; };
     Squares(box_, levels_.coarsest).forEach([&](LeafAddress square) { root.squares.push_back(square); });
-    root.origin = {(box_.low.x + box_.high.x) / 2, (box_.low.z + box_.high.z) / 2};
+    root.origin = origin();
     root.error = metres(std::max(box_.high.x - box_.low.x, box_.high.z - box_.low.z));
     nlohmann::json extras{{"of", "tiles"},
                           {"box", describeBox(box_.low, box_.high)},
@@ -149,8 +155,6 @@ class Making {
                           {"tiles", known_.size()}};
     describeWorld(session_, ground_, root.origin, extras);
     root.extras = extras.dump();
-    const bool isPrivate = !session_.resources().limits.sendsTerrain;
-    root.transform = earth::rootOf(isPrivate ? nullptr : ground_.terrain->raster(), root.origin, question_.at);
     return tileset::rootTileset(pyramid, root);
   }
 

@@ -62,6 +62,28 @@ class Heights {
   std::unordered_map<LeafAddress, Range, lattice::LeafAddressHash> ranges_;
 };
 
+lattice::Point middleOf(LeafAddress square) { return {square.x() + square.side() / 2, square.z() + square.side() / 2}; }
+
+// From the frame's own axes, x east, y north, z up, to the globe, by the plane at `place`.
+std::optional<earth::Matrix> worldOf(const earth::Placement& placement, lattice::Point frame, lattice::Point place) {
+  const auto plane = placement.at(place);
+  if (!plane) return std::nullopt;
+  return earth::product(*plane, {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, metres(frame.x - place.x), -metres(frame.z - place.z), 0, 1});
+}
+
+// Where its tiles lie on planes of their own, they leave that of a larger one by as much as the Earth is curved.
+Known curved(Known tile) {
+  constexpr double kRadius = 6'330'000;  // the smallest of the ellipsoid's
+  const double across = std::hypot(metres(tile.high.x - tile.low.x), metres(tile.high.z - tile.low.z)) / 2;
+  const double drop = across * across / kRadius;  // twice that of a sphere
+  const auto aside = static_cast<Step>((std::max(std::abs(tile.lowest), std::abs(tile.highest)) + drop) * across / kRadius * 256 + 256);
+  tile.lowest -= drop;
+  tile.highest += drop / 8;  // a place's ellipsoid beside that of WGS84, scale
+  tile.low = {tile.low.x - aside, tile.low.z - aside};
+  tile.high = {tile.high.x + aside, tile.high.z + aside};
+  return tile;
+}
+
 Json boxOf(const Known& tile, lattice::Point origin) {
   const double west = metres(tile.low.x - origin.x), east = metres(tile.high.x - origin.x);
   const double north = -metres(tile.low.z - origin.z), south = -metres(tile.high.z - origin.z);
@@ -70,12 +92,25 @@ Json boxOf(const Known& tile, lattice::Point origin) {
             0, (tile.highest - tile.lowest) / 2}}};
 }
 
-// The tile without content and children, in the parent's frame.
-Json tileOf(LeafAddress square, const Known& known, lattice::Point parent) {
-  const lattice::Point frame = frameOf(square);
-  Json out{{"boundingVolume", boxOf(known, frame)}, {"geometricError", known.error}};
-  if (frame != parent)
-    out["transform"] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, metres(frame.x - parent.x), -metres(frame.z - parent.z), 0, 1};
+// A frame, and the place whose plane it lies on.
+struct Parent {
+  lattice::Point frame, place;
+};
+Parent ownOf(LeafAddress square) { return {frameOf(square), middleOf(square)}; }
+
+// The tile without content and children, in the parent's frame. Null: the globe does not reach there.
+Json tileOf(const Pyramid& pyramid, LeafAddress square, const Known& known, const Parent& parent) {
+  const auto [frame, place] = ownOf(square);
+  Json out{{"boundingVolume", boxOf(pyramid.placement ? curved(known) : known, frame)}, {"geometricError", known.error}};
+  if (frame == parent.frame && place == parent.place) return out;
+  if (!pyramid.placement) {
+    if (frame != parent.frame)
+      out["transform"] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, metres(frame.x - parent.frame.x), -metres(frame.z - parent.frame.z), 0, 1};
+    return out;
+  }
+  const auto own = worldOf(*pyramid.placement, frame, place), others = worldOf(*pyramid.placement, parent.frame, parent.place);
+  if (!own || !others) return nullptr;
+  out["transform"] = earth::product(earth::inverse(*others), *own);
   return out;
 }
 
@@ -85,15 +120,16 @@ Json contentOf(LeafAddress square, const char* folder, const char* ending, const
 }
 
 // Null: there is no such tile.
-Json tree(const Pyramid& pyramid, LeafAddress square, int last, lattice::Point parent) {
+Json tree(const Pyramid& pyramid, LeafAddress square, int last, const Parent& parent) {
   const auto known = pyramid.tile(square);
   if (!known) return nullptr;
-  Json out = tileOf(square, *known, parent);
+  Json out = tileOf(pyramid, square, *known, parent);
+  if (out.is_null()) return out;
   const bool refers = square.level < last && square.level > pyramid.finest;
   out["content"] = contentOf(square, "../../", refers ? ".json" : ".glb", pyramid.query);
   if (refers || square.level == pyramid.finest) return out;
   for (int quadrant = 0; quadrant < 4; ++quadrant)
-    if (Json child = tree(pyramid, square.child(quadrant), last, frameOf(square)); !child.is_null())
+    if (Json child = tree(pyramid, square.child(quadrant), last, ownOf(square)); !child.is_null())
       out["children"].push_back(std::move(child));
   return out;
 }
@@ -106,6 +142,10 @@ Known knownBy(LeafAddress square, const Range& heights) {
           heights.low - error - skirtOf(error),
           heights.high + error,
           error};
+}
+
+std::optional<earth::Placement> placementOf(const terrain::Terrain& terrain, const Question& question) {
+  return earth::Placement::of(question.isPrivate ? nullptr : terrain.raster(), question.middle, question.at);
 }
 
 std::string written(Json root, double error, Json asset = Json::object()) {
@@ -131,14 +171,17 @@ std::string rootTileset(const Pyramid& pyramid, const Root& root) {
   for (const LeafAddress square : root.squares) {
     const auto known = pyramid.tile(square);
     if (!known) continue;
-    children.push_back(tileOf(square, *known, root.origin));
+    Json child = tileOf(pyramid, square, *known, {root.origin, root.origin});
+    if (child.is_null()) continue;
+    children.push_back(std::move(child));
     children.back()["content"] = contentOf(square, "", square.level == pyramid.finest ? ".glb" : ".json", pyramid.query);
     if (!all) all = known;
     all->include(*known);
   }
-  Json out{
-      {"boundingVolume", boxOf(all.value_or(Known()), root.origin)}, {"geometricError", root.error}, {"children", std::move(children)}};
-  if (root.transform) out["transform"] = *root.transform;
+  Known covered = all.value_or(Known());
+  if (pyramid.placement) covered = curved(covered);
+  Json out{{"boundingVolume", boxOf(covered, root.origin)}, {"geometricError", root.error}, {"children", std::move(children)}};
+  if (const auto plane = pyramid.placement ? pyramid.placement->at(root.origin) : std::nullopt) out["transform"] = *plane;
   Json asset = Json::object();
   if (!root.extras.empty()) asset["extras"] = Json::parse(root.extras);
   return written(std::move(out), root.error, std::move(asset));
@@ -146,7 +189,7 @@ std::string rootTileset(const Pyramid& pyramid, const Root& root) {
 
 std::string tilesetOf(const Pyramid& pyramid, LeafAddress square) {
   const int last = std::max(pyramid.finest, square.level - kLevels + 1);
-  Json root = tree(pyramid, square, last, frameOf(square));
+  Json root = tree(pyramid, square, last, ownOf(square));
   const double error = root["geometricError"];
   return written(std::move(root), 2 * error);
 }
@@ -157,17 +200,19 @@ std::string rootTileset(const terrain::Terrain& terrain, const Question& questio
   const auto reach = static_cast<Step>(std::ceil(question.reach * lattice::kStepsPerMetre));
   const auto [x, z] = question.middle;
   const LeafAddress low = lattice::leafAt({x - reach, z - reach}, level), high = lattice::leafAt({x + reach - 1, z + reach - 1}, level);
-  Root root{.squares = {}, .origin = question.middle, .transform = {}, .error = 2 * question.reach};
+  Root root{.squares = {}, .origin = question.middle, .error = 2 * question.reach};
   for (LeafAddress at = low; at.i <= high.i; ++at.i)
     for (at.j = low.j; at.j <= high.j; ++at.j)
       if (isTile(at)) root.squares.push_back(at);
-  root.transform = earth::rootOf(question.isPrivate ? nullptr : terrain.raster(), question.middle, question.at);
-  return rootTileset({[&](LeafAddress at) { return knownBy(at, Heights(terrain, at, level)[at]); }, 0, std::string(query)}, root);
+  return rootTileset(
+      {[&](LeafAddress at) { return knownBy(at, Heights(terrain, at, level)[at]); }, 0, std::string(query), placementOf(terrain, question)},
+      root);
 }
 
-std::string tilesetOf(const terrain::Terrain& terrain, LeafAddress square, std::string_view query) {
+std::string tilesetOf(const terrain::Terrain& terrain, const Question& question, LeafAddress square, std::string_view query) {
   const Heights heights(terrain, square, std::max(0, square.level - kLevels));
-  return tilesetOf({[&](LeafAddress at) { return knownBy(at, heights[at]); }, 0, std::string(query)}, square);
+  return tilesetOf({[&](LeafAddress at) { return knownBy(at, heights[at]); }, 0, std::string(query), placementOf(terrain, question)},
+                   square);
 }
 
 }  // namespace ridgecast::tileset

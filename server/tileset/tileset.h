@@ -4,7 +4,10 @@
 // The root tileset covers what is asked for with squares of one level; each is a tileset of its own, which has three levels of tiles and
 // refers to the tilesets of the fourth, down to the finest level. All are explicit, and refine by replacing. A tile's geometricError is
 // the error that it keeps (tile.h). Every tile has its own frame (frameOf) and a `transform` into its parent's, in doubles, so that nothing
-// is far from anything.
+// is far from anything. On the globe each tile lies on the plane that touches it at the tile's middle (earth::Placement): a vertex is then
+// off by at most 20 sides / Earth's radius of the tile's error, 0.4 of it where tiles are 131 km wide and 0.003 at 1 km. Vertices that
+// neighbours share are the same bits in the world's coordinates; on the globe they part by height x side / radius, 0.5 m at 3,000 m above
+// the ellipsoid and 1 km a side, which skirts cover.
 //
 // Axes: 3D Tiles has z up; viewers turn glTF's (x, y, z) to (x, -z, y). So here x is east, y is north (-z of the lattice), z is up.
 //
@@ -50,13 +53,13 @@ struct Known {
 struct Pyramid {
   std::function<std::optional<Known>(lattice::LeafAddress)> tile;  // empty: there is none
   int finest = 0;
-  std::string query;  // behind each URI's name
+  std::string query;                               // behind each URI's name
+  std::optional<earth::Placement> placement = {};  // empty: the world stays a plane
 };
 
 struct Root {
   std::vector<lattice::LeafAddress> squares;  // of one level
   lattice::Point origin;                      // of the root's axes: x east, y north, z up
-  std::optional<earth::Matrix> transform;     // of the root; empty: none
   double error = 0;         // metres: the root shows nothing, so it is refined while any of it is larger than a few pixels
   std::string extras = {};  // JSON object, of the asset
 };
@@ -68,6 +71,6 @@ std::string tilesetOf(const Pyramid& pyramid, lattice::LeafAddress square);
 
 // The same of a terrain, down to level 0.
 std::string rootTileset(const terrain::Terrain& terrain, const Question& question, std::string_view query);
-std::string tilesetOf(const terrain::Terrain& terrain, lattice::LeafAddress square, std::string_view query);
+std::string tilesetOf(const terrain::Terrain& terrain, const Question& question, lattice::LeafAddress square, std::string_view query);
 
 }  // namespace ridgecast::tileset

@@ -55,7 +55,7 @@ TEST(Earth, AMapInUtmLiesWhereItsCoordinatesSay) {
              1'200'000,
              {-1172814.8845, -361776.3355, -6237948.9717},
              {-1175450.9784, -366912.1642, -6237158.1027}}}) {
-    const auto m = onEarth(c.crs, c.easting, c.northing);
+    const auto m = onEarth(c.crs, {c.easting, c.northing}, {c.easting, c.northing});
     ASSERT_TRUE(m) << c.crs;
     double up = 0, off = 0;
     for (std::size_t k = 0; k < 3; ++k) {
@@ -67,16 +67,20 @@ TEST(Earth, AMapInUtmLiesWhereItsCoordinatesSay) {
     EXPECT_NEAR(up, 5831.0 * 5831 / 2 / 6.38e6, 0.1) << c.crs << ": the Earth falls away below the plane";
     EXPECT_LT(std::sqrt(std::max(0.0, off - up * up)), 0.3) << c.crs;
   }
-  const auto europe = onEarth("EPSG:25832", 680'000, 5'240'000), world = onEarth("EPSG:32632", 680'000, 5'240'000);
+  const auto europe = onEarth("EPSG:25832", {680'000, 5'240'000}, {680'000, 5'240'000}),
+             world = onEarth("EPSG:32632", {680'000, 5'240'000}, {680'000, 5'240'000});
   for (std::size_t k = 0; k < 16; ++k) EXPECT_NEAR((*europe)[k], (*world)[k], 1e-3);
 }
 
 TEST(Earth, AMapInDegreesLiesOnItsOwnPlane) {
-  const auto middle = onEarth("+proj=ortho +lat_0=47.5 +lon_0=11.25 +datum=WGS84 +units=m", 0, 0);
+  const auto middle = onEarth("+proj=ortho +lat_0=47.5 +lon_0=11.25 +datum=WGS84 +units=m", {0, 0}, {0, 0});
   ASSERT_TRUE(middle);
-  EXPECT_EQ(*middle, eastNorthUp({11.25 * kDegree, 47.5 * kDegree}));
-  const auto beside = onEarth("+proj=ortho +lat_0=47.5 +lon_0=11.25 +datum=WGS84 +units=m", 300, -40);
-  for (std::size_t k = 0; k < 3; ++k) EXPECT_NEAR((*beside)[12 + k], (*middle)[12 + k] + 300 * (*middle)[k] - 40 * (*middle)[4 + k], 1e-8);
+  const auto beside = onEarth("+proj=ortho +lat_0=47.5 +lon_0=11.25 +datum=WGS84 +units=m", {300, -40}, {300, -40});
+  ASSERT_TRUE(beside);
+  const Matrix wanted = eastNorthUp({11.25 * kDegree, 47.5 * kDegree});
+  for (std::size_t k = 0; k < 16; ++k) EXPECT_NEAR((*middle)[k], wanted[k], 1e-6);
+  for (std::size_t k = 0; k < 3; ++k)
+    EXPECT_NEAR((*beside)[12 + k], (*middle)[12 + k] + 300 * (*middle)[k] - 40 * (*middle)[4 + k], 0.01) << "the Earth is curved";
 }
 
 // The references: cs2cs of PROJ 9.1 to EPSG:4978.
@@ -98,7 +102,7 @@ TEST(Earth, NationalGridsLieWhereTheyAre) {
                              1'200'000,
                              {4324955.9890, 564679.3168, 4638054.2848}},
                         Case{"EPSG:28992", 1, 155'000, 463'000, {3904019.6961, 368158.8149, 5013414.8210}}}) {
-    const auto m = onEarth(c.crs, c.easting * c.metres, c.northing * c.metres);
+    const auto m = onEarth(c.crs, {c.easting * c.metres, c.northing * c.metres}, {c.easting * c.metres, c.northing * c.metres});
     ASSERT_TRUE(m) << c.crs;
     for (std::size_t k = 0; k < 3; ++k) EXPECT_NEAR((*m)[12 + k], c.here[k], 0.01) << c.crs;
     const double scale = std::hypot((*m)[0], (*m)[1], (*m)[2]);
@@ -123,11 +127,13 @@ TEST(Earth, AMapLaidElsewhereStaysTurnedAsItsGridIs) {
   };
   const Map map;
   const lattice::Point middle{map.shape().x.of(1), map.shape().z.of(1)};
-  const auto own = rootOf(&map, middle, {}), moved = rootOf(&map, middle, placeOf("-70,-33,100"));
+  const auto there = Placement::of(&map, middle, {}), elsewhere = Placement::of(&map, middle, placeOf("-70,-33,100"));
+  ASSERT_TRUE(there && elsewhere);
+  const auto own = there->at(middle), moved = elsewhere->at(middle);
   ASSERT_TRUE(own && moved);
-  EXPECT_EQ(*own, *onEarth("EPSG:32632", 800'000, 5'240'000));
+  EXPECT_EQ(*own, *onEarth("EPSG:32632", {800'000, 5'240'000}, {800'000, 5'240'000}));
   const Matrix straight = eastNorthUp(*placeOf("-70,-33,100"));
-  for (std::size_t k = 8; k < 16; ++k) EXPECT_EQ((*moved)[k], straight[k]);
+  for (std::size_t k = 8; k < 16; ++k) EXPECT_NEAR((*moved)[k], straight[k], 1e-6);
   double east = 0, north = 0;
   for (std::size_t k = 0; k < 3; ++k) {
     east += (*moved)[k] * straight[k];
@@ -135,14 +141,18 @@ TEST(Earth, AMapLaidElsewhereStaysTurnedAsItsGridIs) {
   }
   const double longitude = std::atan2((*own)[9], (*own)[8]), latitude = std::asin((*own)[10]);
   EXPECT_NEAR(std::atan2(-north, east), std::atan(std::tan(longitude - 9 * kDegree) * std::sin(latitude)), 1e-4) << "the convergence";
-  EXPECT_EQ(*rootOf(nullptr, {}, placeOf("10,50")), eastNorthUp(*placeOf("10,50")));
-  EXPECT_FALSE(rootOf(nullptr, {}, {}));
+  EXPECT_FALSE(Placement::of(nullptr, {}, {}));
+}
+
+TEST(Earth, AMatrixTimesItsInverseIsOne) {
+  const Matrix m = *onEarth("EPSG:2056", {2'700'000, 1'100'000}, {2'700'000, 1'100'000});
+  const Matrix one = product(inverse(m), m);
+  for (std::size_t k = 0; k < 16; ++k) EXPECT_NEAR(one[k], k % 5 == 0, 1e-8) << k;
 }
 
 TEST(Earth, OtherMapsArePlacedByHand) {
-  for (const char* crs :
-       {"", "EPSG:4326", "EPSG:99999", "EPSG:32600", "EPSG:", "EPSG:x", "+proj=ortho +lat_0=1", "+proj=ortho +lat_0=a +lon_0=b"})
-    EXPECT_FALSE(onEarth(crs, 0, 0)) << crs;
+  for (const char* crs : {"", "EPSG:4326", "EPSG:99999", "EPSG:32600", "EPSG:", "EPSG:x", "+proj=ortho +lat_0=a +lon_0=b"})
+    EXPECT_FALSE(onEarth(crs, {0, 0}, {0, 0})) << crs;
 }
 
 }  // namespace

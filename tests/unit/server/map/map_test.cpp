@@ -75,7 +75,7 @@ class Placed final : public terrain::Raster {
 // 300 km east of its zone's meridian the grid is turned by 2.8 degrees: a tile of 12 km lay 600 m off.
 TEST(Mercator, AMapsPixelsLieWhereItsGridHasThem) {
   const Placed map;
-  const earth::Grid* const grid = earth::Grid::of("EPSG:32632");
+  const earth::Grid* const grid = earth::Grid::of("EPSG:32632", {800'000, 5'240'000});
   ASSERT_TRUE(grid);
   std::mt19937 random(4);
   for (const int level : {9, 11, 14, 18}) {

@@ -244,10 +244,11 @@ TEST_F(TilesTest, OfAMapAreAtLeast64SamplesWideAndEndWithIt) {
 TEST_F(TilesTest, LieOnTheEarthWhereTheQuestionSays) {
   ASSERT_TRUE(make(terrain::create("archipelago", 3).value(), "x0=1000000&z0=0&x1=1000500&z1=300&error=6&at=10,50,20"));
   const Json root = Json::parse(files_["tileset.json"])["root"];
-  EXPECT_EQ(root["transform"], Json(earth::eastNorthUp(*earth::placeOf("10,50,20"))));
+  const auto wanted = earth::eastNorthUp(*earth::placeOf("10,50,20"));
+  for (std::size_t k = 0; k < 16; ++k) EXPECT_NEAR(root["transform"][k].get<double>(), wanted[k], 1e-6);
   const Bounds all = boundsOf(root, 0, 0);  // around the box's middle
-  EXPECT_NEAR(all.low[0], -250, 2);
-  EXPECT_NEAR(all.high[1], 150, 2);
+  EXPECT_NEAR(all.low[0], -250, 4);
+  EXPECT_NEAR(all.high[1], 150, 4);
 }
 
 TEST_F(TilesTest, TooManyNameTheErrorThatFits) {

@@ -3,6 +3,7 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <proj.h>
 
 #include <algorithm>
 #include <cmath>
@@ -17,12 +18,14 @@
 #include <utility>
 #include <vector>
 
+#include "server/earth/earth.h"
 #include "server/tileset/tile.h"
 
 namespace ridgecast::tileset {
 namespace {
 
 using lattice::LeafAddress;
+using lattice::metres;
 using Json = nlohmann::json;
 
 constexpr double kDegree = std::numbers::pi / 180;
@@ -132,7 +135,7 @@ TEST(Tileset, KeepsTheLawsDownToTheFinestTiles) {
             for (const Json& child : (*at)["children"]) open.push_back(&child);
         }
         ASSERT_TRUE(tile);
-        Json below = Json::parse(tilesetOf(*terrain, next, "q=1"));
+        Json below = Json::parse(tilesetOf(*terrain, {}, next, "q=1"));
         EXPECT_TRUE(boxOf(*tile, {}).contains(boxOf(below["root"], {})))
             << description.name << " " << next.level << (*tile).dump() << below["root"]["boundingVolume"];
         EXPECT_EQ(below["root"]["geometricError"], (*tile)["geometricError"]);
@@ -161,7 +164,7 @@ TEST(Tileset, TilesLieInTheirBoxesAndShareTheirSides) {
       const auto a = meshTile(*terrain, whole(here), 2'000'000, *pool, watch), b = meshTile(*terrain, whole(east), 2'000'000, *pool, watch);
       ASSERT_TRUE(a && b) << description.name << " " << level << ": " << (a ? b : a).error().message;
       EXPECT_LE(a->error, errorOf(level));
-      const Json set = Json::parse(tilesetOf(*terrain, here, ""));
+      const Json set = Json::parse(tilesetOf(*terrain, {}, here, ""));
       const Box box = boxOf(set["root"], {});
       const lattice::Point frame = frameOf(here);
       std::map<lattice::Step, std::int32_t> sideOfA, sideOfB;
@@ -280,7 +283,7 @@ TEST(Tileset, CliffsBecomeRampsAndTheGroundBesideThemKeepsItsError) {
         ++beside;
       }
       EXPECT_GT(beside, 20) << kind << " " << level;
-      const Box box = boxOf(Json::parse(tilesetOf(terrain, square, ""))["root"], {});
+      const Box box = boxOf(Json::parse(tilesetOf(terrain, {}, square, ""))["root"], {});
       for (const mesh::LocalVertex& v : tile->skirt.vertices) {
         EXPECT_GE(v.y / 256.0, box.low[2]) << kind << " " << level;
         EXPECT_LE(v.y / 256.0, box.high[2]) << kind << " " << level;
@@ -300,9 +303,145 @@ TEST(Tileset, ReachDecidesWhatIsCovered) {
       EXPECT_GE(box.high[k], reach);
       EXPECT_LE(box.high[k] - box.low[k], 4 * reach);
     }
-    EXPECT_EQ(set["root"]["transform"], Json(earth::eastNorthUp({})));
+    const auto wanted = earth::eastNorthUp({});
+    for (std::size_t k = 0; k < 16; ++k) EXPECT_NEAR(set["root"]["transform"][k].get<double>(), wanted[k], 1e-6);
     EXPECT_LE(set["root"]["children"].size(), 300u);
   }
+}
+
+// A map without end that says where it lies.
+class Placed final : public terrain::Terrain, public terrain::Raster {
+ public:
+  Placed(std::string crs, double easting, double northing) {
+    origin_.crs = std::move(crs);
+    origin_.easting = easting;
+    origin_.northing = northing;
+  }
+  std::string_view name() const override { return "placed"; }
+  std::string_view source() const override { return ""; }
+  std::uint32_t seed() const override { return 1; }
+  const terrain::Raster* raster() const override { return this; }
+  const terrain::RasterShape& shape() const override { return shape_; }
+  terrain::RasterOrigin origin() const override { return origin_; }
+  void tile(terrain::TileAddress, terrain::Tile& out) const override { out.fill(0); }
+  void heights(std::span<const lattice::Step>, std::span<const lattice::Step>, std::span<float> out) const override {
+    std::ranges::fill(out, 0.0f);
+  }
+
+ private:
+  terrain::RasterShape shape_{{-256'000, terrain::pitchOf(2560)}, {-256'000, terrain::pitchOf(2560)}, 201, 201, 0, 0, 7};  // around 0, 0
+  terrain::RasterOrigin origin_;
+};
+
+// The oracle: PROJ's longitude and latitude, and the textbook's Earth-centred coordinates.
+class Oracle {
+ public:
+  Oracle(const std::string& crs, double easting, double northing) {
+    PJ* const plain = proj_create_crs_to_crs(context_, crs.c_str(), "EPSG:4326", nullptr);
+    way_ = proj_normalize_for_visualization(context_, plain);
+    proj_destroy(plain);
+    // The way to WGS84 that is best in the map's middle, for all of it.
+    proj_trans(way_, PJ_FWD, proj_coord(easting, northing, 0, HUGE_VAL));
+    if (PJ* const best = proj_trans_get_last_used_operation(way_)) {
+      proj_destroy(way_);
+      way_ = best;
+    }
+  }
+  Oracle(const Oracle&) = delete;
+  Oracle& operator=(const Oracle&) = delete;
+  ~Oracle() {
+    proj_destroy(way_);
+    proj_context_destroy(context_);
+  }
+  std::array<double, 3> at(double easting, double northing, double height) const {
+    const PJ_COORD c = proj_trans(way_, PJ_FWD, proj_coord(easting, northing, 0, HUGE_VAL));
+    const double l = c.xy.x * kDegree, p = c.xy.y * kDegree, e2 = 0.0066943799901413165;
+    const double n = 6'378'137 / std::sqrt(1 - e2 * std::sin(p) * std::sin(p));
+    return {(n + height) * std::cos(p) * std::cos(l), (n + height) * std::cos(p) * std::sin(l), (n * (1 - e2) + height) * std::sin(p)};
+  }
+
+ private:
+  PJ_CONTEXT* const context_ = proj_context_create();
+  PJ* way_ = nullptr;
+};
+
+// 100,000 vertices out to 300 km: on one plane they were up to 7 km above the ground at the rim. And boxes hold what is below them.
+TEST(Tileset, VerticesOfAPlacedMapLieWhereProjHasThem) {
+  struct Case {
+    const char* crs;
+    double easting, northing, unit = 1;
+  };
+  std::mt19937_64 random(8);
+  const auto uniform = [&](double from, double to) { return std::uniform_real_distribution<double>(from, to)(random); };
+  std::size_t vertices = 0;
+  for (const Case& c :
+       {Case{"EPSG:32632", 680'000, 5'240'000}, Case{"EPSG:25833", 400'000, 6'000'000}, Case{"EPSG:32756", 334'786, 6'252'080},
+        Case{"EPSG:2056", 2'600'000, 1'200'000}, Case{"EPSG:27700", 400'000, 300'000}, Case{"EPSG:31287", 400'000, 400'000},
+        Case{"EPSG:3035", 4'321'000, 3'210'000}, Case{"EPSG:28992", 155'000, 463'000}, Case{"EPSG:2154", 700'000, 6'600'000},
+        Case{"EPSG:2263", 1'000'000, 200'000, 12 / 39.37}, Case{"EPSG:26910", 500'000, 5'400'000},
+        Case{"EPSG:3031", 1'000'000, -1'500'000}}) {
+    const Placed terrain(c.crs, c.easting * c.unit, c.northing * c.unit);
+    const Oracle oracle(c.crs, c.easting, c.northing);
+    const Question question{.middle = {}, .at = {}, .isPrivate = false, .reach = 300'000};
+    const Json root = Json::parse(rootTileset(terrain, question, ""))["root"];
+    ASSERT_TRUE(root.contains("transform")) << c.crs;
+    double worst = 0;  // of a tile's error
+    for (int walk = 0; walk < 40; ++walk) {
+      earth::Matrix world = root["transform"].get<earth::Matrix>();
+      const double x = uniform(-300'000, 300'000), y = uniform(-300'000, 300'000);
+      Json parent = root;
+      std::vector<Json> children = root["children"];
+      for (bool isLast = false; !isLast;) {
+        const auto holds = [&](const Json& tile) {
+          const LeafAddress s = squareOf(tile["content"]["uri"]);
+          return x * 256 >= static_cast<double>(s.x()) && x * 256 < static_cast<double>(s.x() + s.side()) &&
+                 -y * 256 >= static_cast<double>(s.z()) && -y * 256 < static_cast<double>(s.z() + s.side());
+        };
+        const auto found = std::ranges::find_if(children, holds);
+        ASSERT_NE(found, children.end()) << c.crs;
+        const Json tile = *found;
+        const LeafAddress square = squareOf(tile["content"]["uri"]);
+        const auto local = tile["transform"].get<earth::Matrix>();
+        world = earth::product(world, local);
+        const lattice::Point frame = frameOf(square);
+        const auto box = parent["boundingVolume"]["box"].get<std::vector<double>>(),
+                   own = tile["boundingVolume"]["box"].get<std::vector<double>>();
+        for (int corner = 0; corner < 8; ++corner)  // of its box, within its parent's
+          for (std::size_t k = 0; k < 3; ++k) {
+            const double at[3] = {own[0] + (corner & 1 ? 1 : -1) * own[3], own[1] + (corner & 2 ? 1 : -1) * own[7],
+                                  own[2] + (corner & 4 ? 1 : -1) * own[11]};
+            const double v = local[k] * at[0] + local[4 + k] * at[1] + local[8 + k] * at[2] + local[12 + k];
+            EXPECT_LE(std::abs(v - box[k]), box[3 + 4 * k] + 2e-3 * metres(square.side())) << c.crs << " " << square.level << " " << k;
+          }
+        const double side = lattice::metres(square.side()), west = lattice::metres(square.x()), north = -lattice::metres(square.z());
+        for (int k = 0; k < 20; ++k, ++vertices) {
+          const double e = west + uniform(0, side), n = north - uniform(0, side), h = uniform(-100, 4000);
+          const double at[3] = {e - lattice::metres(frame.x), n + lattice::metres(frame.z), h};
+          const auto right = oracle.at(c.easting + e / c.unit, c.northing + n / c.unit, h);
+          double off = 0;
+          for (std::size_t axis = 0; axis < 3; ++axis) {
+            const double v = world[axis] * at[0] + world[4 + axis] * at[1] + world[8 + axis] * at[2] + world[12 + axis];
+            off += (v - right[axis]) * (v - right[axis]);
+          }
+          off = std::sqrt(off);
+          ASSERT_LE(off, errorOf(square.level) + 0.02) << c.crs << " level " << square.level;
+          worst = std::max(worst, off / errorOf(square.level));
+        }
+        parent = tile;
+        if (tile.contains("children")) {
+          children = tile["children"].get<std::vector<Json>>();
+        } else if (std::string(tile["content"]["uri"]).find(".json") != std::string::npos) {
+          const Json below = Json::parse(tilesetOf(terrain, question, square, ""))["root"];
+          EXPECT_FALSE(below.contains("transform"));
+          children = below["children"].get<std::vector<Json>>();
+        } else {
+          isLast = true;
+        }
+      }
+    }
+    EXPECT_LT(worst, 0.6) << c.crs;
+  }
+  EXPECT_GT(vertices, 90'000u);
 }
 
 TEST(Tileset, TilesAreOnTheLatticeAlone) {
