@@ -30,6 +30,7 @@ std::int8_t widthOf(double metres) { return static_cast<std::int8_t>(std::clamp(
 // `vertices` by x, then z.
 void widenAlong(const Sides& sides, std::vector<Shared>& vertices) {
   constexpr double kOfError = 8;  // about the width of triangles that keep it
+  constexpr double kOfGap = 0.7;  // the triangles beside a straight side are smaller than its edges
   std::array<std::vector<Shared*>, 4> along;
   for (Shared& v : vertices) {
     if (v.x == sides.low.x) along[0].push_back(&v);
@@ -39,8 +40,8 @@ void widenAlong(const Sides& sides, std::vector<Shared>& vertices) {
   }
   for (const auto& side : along)
     for (std::size_t k = 1; k + 1 < side.size(); ++k) {
-      const Shared &before = *side[k - 1], &after = *side[k + 1];
-      side[k]->width = widthOf(static_cast<double>(after.x - before.x + after.z - before.z) / 2 * lattice::kMetresPerStep);
+      const auto gap = [&](std::size_t j) { return side[j]->x - side[j - 1]->x + side[j]->z - side[j - 1]->z; };
+      side[k]->width = widthOf(kOfGap * lattice::metres(std::min(gap(k), gap(k + 1))));
     }
   for (const auto& side : along)
     if (!side.empty()) side.front()->width = side.back()->width = widthOf(kOfError * sides.error);
