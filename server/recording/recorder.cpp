@@ -67,6 +67,8 @@ struct Writing {
     std::uint64_t size = 0;
     Bytes block;  // to be written
   };
+  bool isClosed = false;  // nothing more is written
+
   // What a part begins with.
   std::vector<Edited> past;  // until the first part begins
   std::uint64_t lastEdit = 0;
@@ -245,7 +247,7 @@ void Recorder::State::take(Waiting& waits) {
     if (open.contains(&w) && write(w)) close(w);
     return;
   }
-  if (w.ended && !open.contains(&w)) return;  // was stopped
+  if (w.isClosed) return;
   if (!open.contains(&w)) {
     open.emplace(&w, waits.of);
     const auto past = std::exchange(w.past, {});
@@ -361,7 +363,7 @@ void Recorder::State::close(Writing& w) {
     total -= old.back().second;
     old.pop_back();
   }
-  w.ended = true;
+  w.ended = w.isClosed = true;
   open.erase(&w);
 }
 

@@ -282,7 +282,10 @@ TEST_F(QueriesTest, TwoLargeGroundsDoNotStopACamera) {
     const auto ground = answer->get();
     ASSERT_FALSE(ground);
     const std::string& sentence = ground.error().message;
-    EXPECT_TRUE(sentence.find(" m fits") != std::string::npos || sentence.find("server is busy") != std::string::npos) << sentence;
+    // On a busy machine its time is over before it is known which error fits.
+    EXPECT_TRUE(std::ranges::any_of(std::array{" m fits", "smaller radius", "server is busy"},
+                                    [&](const char* part) { return sentence.find(part) != std::string::npos; }))
+        << sentence;
   }
 }
 
