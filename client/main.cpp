@@ -314,11 +314,15 @@ void addTiles(CLI::App& command, snapshot::SnapshotOptions& shot, CLI::Option* f
                           ->excludes(file)
                           ->excludes(command.get_option("--metadata"))
                           ->type_name("DIR");
-  command
-      .add_option("--at", shot.at,
-                  "where on Earth the middle of the tiles' box lies, degrees and metres; default: the map's place, if its CRS is UTM")
+  command.add_option("--at", shot.at, "where on Earth the middle of the tiles' box lies, degrees and metres; default: the map's place")
       ->needs(tiles)
       ->type_name("LON,LAT[,HEIGHT]");
+  command
+      .add_option("--heights", shot.heights,
+                  "from where the heights of tiles on Earth count: sea (EGM96), the default, or ellipsoid, the default with HEIGHT in --at")
+      ->needs(tiles)
+      ->check(CLI::IsMember({"sea", "ellipsoid"}))
+      ->type_name("sea|ellipsoid");
 }
 
 // The server checks the limits. Here: only what could not be sent as a number.

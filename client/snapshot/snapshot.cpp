@@ -86,6 +86,7 @@ std::string query(const SnapshotOptions& o) {
   if (o.origin != "cell") add("origin", o.origin);
   if (o.texture > 0) add("texture", std::to_string(o.texture));
   if (!o.at.empty()) add("at", o.at);
+  if (!o.heights.empty()) add("heights", o.heights);
   return out;
 }
 

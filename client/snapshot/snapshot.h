@@ -27,13 +27,14 @@ struct Offline {
 struct SnapshotOptions {
   connection::Url url;
   std::optional<Offline> offline;
-  std::filesystem::path out;                                            // a file; of Offline...
-  std::filesystem::path tiles;                                          // ...or a folder of 3D Tiles
-  std::string at;                                                       // LON,LAT[,HEIGHT] of the middle of tiles; empty: none
-  std::optional<std::uint64_t> camera;                                  // a live one; otherwise...
-  std::optional<std::array<double, 4>> box;                             // x0, z0, x1, z1 in metres
-  bool wholeMap = false;                                                // the box of all of a height map; otherwise the pose
-  double error = 1;                                                     // metres, of a box
+  std::filesystem::path out;                 // a file; of Offline...
+  std::filesystem::path tiles;               // ...or a folder of 3D Tiles
+  std::string heights;                       // from where those of tiles count: sea or ellipsoid; empty: as the server does
+  std::string at;                            // LON,LAT[,HEIGHT] of the middle of tiles; empty: none
+  std::optional<std::uint64_t> camera;       // a live one; otherwise...
+  std::optional<std::array<double, 4>> box;  // x0, z0, x1, z1 in metres
+  bool wholeMap = false;                     // the box of all of a height map; otherwise the pose
+  double error = 1;                          // metres, of a box
   double x = 0, z = 0, altitude = 120, yaw = 0, pitch = -10, fov = 60;  // metres, degrees
   std::uint32_t width = 1280, height = 720;                             // pixels
   double threshold = 0.6;                                               // pixels

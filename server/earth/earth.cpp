@@ -164,8 +164,32 @@ Matrix inverse(const Matrix& m) {
   return out;
 }
 
-std::optional<Placement> Placement::of(const terrain::Raster* map, lattice::Point origin, const std::optional<Place>& at) {
+std::optional<double> seaLevel(const Place& place) {
+  struct Sea {
+    PJ_CONTEXT* const context = proj_context_create();
+    PJ* shift = nullptr;
+    Sea() {
+      proj_log_level(context, PJ_LOG_NONE);
+      shift = proj_create(context, "+proj=vgridshift +grids=egm96_15.gtx +multiplier=1");
+    }
+    Sea(const Sea&) = delete;
+    Sea& operator=(const Sea&) = delete;
+    ~Sea() {
+      proj_destroy(shift);
+      proj_context_destroy(context);
+    }
+  };
+  thread_local const Sea sea;
+  if (!sea.shift) return std::nullopt;
+  const PJ_COORD out = proj_trans(sea.shift, PJ_FWD, proj_coord(place.longitude, place.latitude, 0, HUGE_VAL));
+  if (!std::isfinite(out.lpz.z)) return std::nullopt;
+  return out.lpz.z;
+}
+
+std::optional<Placement> Placement::of(const terrain::Raster* map, lattice::Point origin, const Where& where) {
+  const std::optional<Place>& at = where.at;
   Placement out;
+  if (where.heights == Heights::kSea && seaLevel({})) out.heights_ = Heights::kSea;
   out.origin_ = origin;
   const auto grid = map ? terrain::onGrid(*map, origin) : std::nullopt;
   const auto own = grid ? onEarth(map->origin().crs, *grid, *grid) : std::nullopt;
@@ -192,10 +216,12 @@ std::optional<Matrix> Placement::at(lattice::Point place) const {
   auto plane = onEarth(crs_, grid_, {grid_.easting + cosine_ * x - sine_ * y, grid_.northing + sine_ * x + cosine_ * y});
   if (!plane) return std::nullopt;
   Matrix out = *plane;
+  const Place normal{std::atan2(out[9], out[8]), std::asin(std::clamp(out[10], -1.0, 1.0))};
+  const double height = height_ + (heights_ == Heights::kSea ? seaLevel(normal).value_or(0) : 0);
   for (std::size_t k = 0; k < 3; ++k) {
     out[k] = cosine_ * (*plane)[k] + sine_ * (*plane)[4 + k];
     out[4 + k] = cosine_ * (*plane)[4 + k] - sine_ * (*plane)[k];
-    out[12 + k] += height_ * out[8 + k];
+    out[12 + k] += height * out[8 + k];
   }
   return out;
 }

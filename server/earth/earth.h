@@ -20,6 +20,18 @@ struct Place {
   double longitude = 0, latitude = 0, height = 0;  // radians, metres above the ellipsoid
 };
 
+// From where the heights of a world count.
+enum class Heights { kEllipsoid, kSea };
+
+// What a question says of where a world lies.
+struct Where {
+  std::optional<Place> at;  // empty: where the map says
+  Heights heights = Heights::kSea;
+};
+
+// Metres of the mean sea (EGM96) above the ellipsoid at a place; empty: PROJ's grid is not installed (Debian: proj-data).
+std::optional<double> seaLevel(const Place& place);
+
 // LON,LAT or LON,LAT,HEIGHT: degrees within 360 and 90, metres within 10,000,000. Empty: anything else.
 std::optional<Place> placeOf(std::string_view text);
 
@@ -62,14 +74,14 @@ Matrix inverse(const Matrix& affine);
 
 // How a world, which is a plane, lies on the globe: where the map's grid has it or, laid at a place of one's own, by distance and azimuth
 // from there (PROJ: aeqd), turned against north as the map's grid is where it lies. Each place has its own plane, so nothing hangs above
-// the curve of the Earth. A map's heights count from the ellipsoid, whatever they are: those above the sea lie up to 100 m too low or too
-// high.
+// the curve of the Earth. Heights count from the ellipsoid, or from the sea (EGM96), which lies up to 100 m below or above it.
 class Placement {
  public:
   // `origin` lies at `at`, if that is given. Empty: neither that nor the map says where.
-  static std::optional<Placement> of(const terrain::Raster* map, lattice::Point origin, const std::optional<Place>& at);
+  static std::optional<Placement> of(const terrain::Raster* map, lattice::Point origin, const Where& where);
   // From metres of x east, y north, z up of a place of the world to EPSG:4978; empty: the CRS does not reach there.
   std::optional<Matrix> at(lattice::Point place) const;
+  Heights heights() const { return heights_; }  // the ellipsoid's also where the sea's are not known
 
  private:
   std::string crs_;
@@ -77,6 +89,7 @@ class Placement {
   lattice::Point origin_;
   double cosine_ = 1, sine_ = 0;  // of the turn from the grid's east to x
   double height_ = 0;
+  Heights heights_ = Heights::kEllipsoid;
 };
 
 }  // namespace ridgecast::earth

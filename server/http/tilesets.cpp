@@ -21,7 +21,7 @@ namespace {
 
 constexpr std::string_view kFolder = "3dtiles/", kRoot = "3dtiles/tileset.json";
 constexpr double kMostMetres = 4e12;
-constexpr int kVersion = 3;  // part of the ETag: change it when the same question gives another tileset
+constexpr int kVersion = 4;  // part of the ETag: change it when the same question gives another tileset
 
 bool isThere(std::string_view file) { return file.starts_with(kFolder) && (file.ends_with(".json") || file.ends_with(".glb")); }
 
@@ -35,7 +35,7 @@ Outcome<Asked> parse(std::string_view query) {
   snapshot::Parameters p;
   if (auto read = p.read(query); !read) return read.error();
   Asked out;
-  out.where.at = snapshot::readPlace(p);
+  out.where.where = snapshot::readWhere(p);
   for (const auto& [name, step] : {std::pair{"x", &out.where.middle.x}, {"z", &out.where.middle.z}})
     *step = static_cast<lattice::Step>(std::floor(p.number(name, -kMostMetres, kMostMetres, " m", 0) * lattice::kStepsPerMetre));
   out.where.reach = p.number("reach", tileset::kLeastReach, tileset::kMostReach, " m", tileset::kUsualReach);
@@ -45,7 +45,7 @@ Outcome<Asked> parse(std::string_view query) {
   if (!text::hasOnly(out.token, "-_.")) p.refuse("'token' has other characters than a token has.");
   // What viewers and gateways hand on to every tile.
   for (const char* name : {"v", "key", "access_token", "session", "_"}) p.take(name);
-  if (auto error = p.finish("A tileset has at, x, z, reach, compression, normals, colours and token.")) return *error;
+  if (auto error = p.finish("A tileset has at, heights, x, z, reach, compression, normals, colours and token.")) return *error;
   return out;
 }
 
@@ -67,12 +67,13 @@ std::string handedOn(const Asked& asked, const std::string& content) {
   if (asked.form.compression == gltf::Compression::kDraco) out += "&compression=draco";
   if (!asked.form.normals) out += "&normals=0";
   if (!asked.form.colours) out += "&colours=0";
-  if (asked.where.at) {
+  out += asked.where.where.heights == earth::Heights::kSea ? "&heights=sea" : "&heights=ellipsoid";
+  if (asked.where.where.at) {
     const auto [x, z] = asked.where.middle;
     constexpr double kDegrees = 180 / std::numbers::pi;
-    out += "&at=" + text::rounded(asked.where.at->longitude * kDegrees, 17) + "," + text::rounded(asked.where.at->latitude * kDegrees, 17) +
-           "," + text::rounded(asked.where.at->height, 17) + "&x=" + text::rounded(lattice::metres(x), 17) +
-           "&z=" + text::rounded(lattice::metres(z), 17);
+    out += "&at=" + text::rounded(asked.where.where.at->longitude * kDegrees, 17) + "," +
+           text::rounded(asked.where.where.at->latitude * kDegrees, 17) + "," + text::rounded(asked.where.where.at->height, 17) +
+           "&x=" + text::rounded(lattice::metres(x), 17) + "&z=" + text::rounded(lattice::metres(z), 17);
   }
   return out;
 }
@@ -100,8 +101,9 @@ Answer tilesetAnswer(const Maker& maker, const session::Ground& ground, const As
   if (const terrain::Raster* const map = ground.terrain->raster(); map && !asked.where.isPrivate)
     if (const auto grid = terrain::onGrid(*map, asked.where.middle))
       key += " " + map->origin().crs + " " + text::rounded(grid->easting, 17) + " " + text::rounded(grid->northing, 17);
-  if (!square && asked.where.at)
-    for (const double v : {asked.where.at->longitude, asked.where.at->latitude, asked.where.at->height}) key += " " + text::rounded(v, 17);
+  if (!square && asked.where.where.at)
+    for (const double v : {asked.where.where.at->longitude, asked.where.where.at->latitude, asked.where.where.at->height})
+      key += " " + text::rounded(v, 17);
   const std::string etag = access::hex(access::sha256(key)).substr(0, 32);
   const auto finished = [headers, token = asked.token](Answer a) {
     a.headers.insert(a.headers.end(), headers.begin(), headers.end());

@@ -85,14 +85,20 @@ void readForm(Parameters& p, Question& out) {
   out.colours = p.flag("colours");
 }
 
-std::optional<earth::Place> readPlace(Parameters& p) {
+earth::Where readWhere(Parameters& p) {
+  earth::Where out;
+  const auto heights = p.take("heights");
+  if (heights && *heights != "sea" && *heights != "ellipsoid")
+    p.refuse("'heights' is " + inQuotes(*heights) + "; they count from the sea or from the ellipsoid.");
   const auto value = p.take("at");
-  if (!value) return std::nullopt;
-  const auto place = earth::placeOf(*value);
-  if (!place)
+  const bool hasHeight = value && std::ranges::count(*value, ',') > 1;
+  if (heights ? *heights == "ellipsoid" : hasHeight) out.heights = earth::Heights::kEllipsoid;
+  if (!value) return out;
+  out.at = earth::placeOf(*value);
+  if (!out.at)
     p.refuse("'at' is " + inQuotes(*value) +
              "; it must be LON,LAT or LON,LAT,HEIGHT: degrees within 360 and 90, and metres within 10,000,000.");
-  return place;
+  return out;
 }
 
 Outcome<Question> parse(std::string_view query, const Limits& limits, const terrain::Raster* map, Format format) {
@@ -106,7 +112,7 @@ Outcome<Question> parse(std::string_view query, const Limits& limits, const terr
   if (inTiles && (p.has("texture") || p.has("origin")))
     p.refuse("Tiles have neither a texture nor an origin of their own; leave them out, or ask for a .glb.");
   readForm(p, out);
-  if (inTiles) out.at = readPlace(p);
+  if (inTiles) out.where = readWhere(p);
   if (const auto value = p.take("origin")) {
     const auto known = std::ranges::find(kOrigins, *value);
     if (known == kOrigins.end())

@@ -63,8 +63,8 @@ enum class Format { kGlb, kPly, kObj, kTiles };
 
 struct Question {
   std::variant<OfCamera, OfPose, OfBox, OfTile> of;
-  Format format = Format::kGlb;    // by the name of the file, not by a parameter
-  std::optional<earth::Place> at;  // of kTiles
+  Format format = Format::kGlb;  // by the name of the file, not by a parameter
+  earth::Where where;            // of kTiles
   Origin origin = Origin::kCell;
   std::uint32_t texture = 0;  // pixels; 0: none
   gltf::Compression compression = gltf::Compression::kNone;
@@ -79,8 +79,8 @@ std::optional<Format> formatOf(std::string_view file);
 
 // Takes compression, normals and colours.
 void readForm(Parameters& parameters, Question& out);
-// Takes at.
-std::optional<earth::Place> readPlace(Parameters& parameters);
+// Takes at and heights, which by default count from the sea, or from the ellipsoid if `at` has a height.
+earth::Where readWhere(Parameters& parameters);
 
 // Equal questions give equal text, however they were spelt. For an ETag.
 std::string canonical(const Question& question);

@@ -139,7 +139,7 @@ class Making {
   lattice::Point origin() const { return {(box_.low.x + box_.high.x) / 2, (box_.low.z + box_.high.z) / 2}; }
   std::optional<earth::Placement> placement() const {
     const bool isPrivate = !session_.resources().limits.sendsTerrain;
-    return earth::Placement::of(isPrivate ? nullptr : ground_.terrain->raster(), origin(), question_.at);
+    return earth::Placement::of(isPrivate ? nullptr : ground_.terrain->raster(), origin(), question_.where);
   }
 
   std::string root(const tileset::Pyramid& pyramid) const {

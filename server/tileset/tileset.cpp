@@ -145,7 +145,7 @@ Known knownBy(LeafAddress square, const Range& heights) {
 }
 
 std::optional<earth::Placement> placementOf(const terrain::Terrain& terrain, const Question& question) {
-  return earth::Placement::of(question.isPrivate ? nullptr : terrain.raster(), question.middle, question.at);
+  return earth::Placement::of(question.isPrivate ? nullptr : terrain.raster(), question.middle, question.where);
 }
 
 std::string written(Json root, double error, Json asset = Json::object()) {
@@ -184,6 +184,9 @@ std::string rootTileset(const Pyramid& pyramid, const Root& root) {
   if (const auto plane = pyramid.placement ? pyramid.placement->at(root.origin) : std::nullopt) out["transform"] = *plane;
   Json asset = Json::object();
   if (!root.extras.empty()) asset["extras"] = Json::parse(root.extras);
+  if (pyramid.placement)
+    asset["extras"]["heights"] =
+        pyramid.placement->heights() == earth::Heights::kSea ? "above the sea (EGM96)" : "above the ellipsoid (WGS84)";
   return written(std::move(out), root.error, std::move(asset));
 }
 

@@ -34,9 +34,8 @@ inline constexpr int kLevels = 3;                                               
 inline constexpr double kUsualReach = 200'000, kLeastReach = 100, kMostReach = 1'000'000;  // metres
 
 struct Question {
-  lattice::Point middle;  // lies at the place, with height 0 at the place's height
-  std::optional<earth::Place>
-      at;  // empty: where the map says (earth::rootOf), otherwise the root's axes are the terrain's own, relative to `middle`
+  lattice::Point middle;       // lies at the place, with height 0 at the place's height
+  earth::Where where;          // without `at` and a map that says where: the root's axes are the terrain's own, relative to `middle`
   bool isPrivate = false;      // where the map lies is not told
   double reach = kUsualReach;  // metres: covered in all four directions, at least
 };

@@ -127,7 +127,8 @@ TEST(Earth, AMapLaidElsewhereStaysTurnedAsItsGridIs) {
   };
   const Map map;
   const lattice::Point middle{map.shape().x.of(1), map.shape().z.of(1)};
-  const auto there = Placement::of(&map, middle, {}), elsewhere = Placement::of(&map, middle, placeOf("-70,-33,100"));
+  const auto there = Placement::of(&map, middle, {{}, Heights::kEllipsoid}),
+             elsewhere = Placement::of(&map, middle, {placeOf("-70,-33,100"), Heights::kEllipsoid});
   ASSERT_TRUE(there && elsewhere);
   const auto own = there->at(middle), moved = elsewhere->at(middle);
   ASSERT_TRUE(own && moved);
@@ -141,7 +142,23 @@ TEST(Earth, AMapLaidElsewhereStaysTurnedAsItsGridIs) {
   }
   const double longitude = std::atan2((*own)[9], (*own)[8]), latitude = std::asin((*own)[10]);
   EXPECT_NEAR(std::atan2(-north, east), std::atan(std::tan(longitude - 9 * kDegree) * std::sin(latitude)), 1e-4) << "the convergence";
-  EXPECT_FALSE(Placement::of(nullptr, {}, {}));
+  EXPECT_FALSE(Placement::of(nullptr, {}, Where()));
+}
+
+// The references: EGM96 as its authors publish it, 17.16 m at the equator and Greenwich, 13.61 m at the north pole.
+TEST(Earth, TheSeaLiesWhereEgm96HasIt) {
+  ASSERT_TRUE(seaLevel({})) << "PROJ's grid egm96_15.gtx is missing: install proj-data";
+  EXPECT_NEAR(*seaLevel({0, 0}), 17.16, 0.1);
+  EXPECT_NEAR(*seaLevel({0, 90 * kDegree}), 13.61, 0.1);
+  const Place innsbruck{11.39 * kDegree, 47.27 * kDegree};
+  const auto sea = Placement::of(nullptr, {}, {innsbruck, Heights::kSea}),
+             ellipsoid = Placement::of(nullptr, {}, {innsbruck, Heights::kEllipsoid});
+  ASSERT_TRUE(sea && ellipsoid);
+  EXPECT_EQ(sea->heights(), Heights::kSea);
+  const Matrix high = *sea->at({}), low = *ellipsoid->at({});
+  for (std::size_t k = 0; k < 3; ++k) EXPECT_NEAR(high[12 + k] - low[12 + k], *seaLevel(innsbruck) * low[8 + k], 1e-6);
+  EXPECT_GT(*seaLevel(innsbruck), 45);
+  EXPECT_LT(*seaLevel(innsbruck), 55);
 }
 
 TEST(Earth, AMatrixTimesItsInverseIsOne) {

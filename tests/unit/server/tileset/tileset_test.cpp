@@ -295,7 +295,7 @@ TEST(Tileset, CliffsBecomeRampsAndTheGroundBesideThemKeepsItsError) {
 
 TEST(Tileset, ReachDecidesWhatIsCovered) {
   for (const double reach : {kLeastReach, 3'000.0, kUsualReach, kMostReach}) {
-    Question question{.middle = {12'345, -67'890}, .at = earth::Place{}, .reach = reach};
+    Question question{.middle = {12'345, -67'890}, .where = {earth::Place{}, earth::Heights::kEllipsoid}, .reach = reach};
     const Json set = Json::parse(rootTileset(*alpine(), question, ""));
     const Box box = boxOf(set["root"], {});
     for (int k = 0; k < 2; ++k) {
@@ -382,7 +382,7 @@ TEST(Tileset, VerticesOfAPlacedMapLieWhereProjHasThem) {
         Case{"EPSG:3031", 1'000'000, -1'500'000}}) {
     const Placed terrain(c.crs, c.easting * c.unit, c.northing * c.unit);
     const Oracle oracle(c.crs, c.easting, c.northing);
-    const Question question{.middle = {}, .at = {}, .isPrivate = false, .reach = 300'000};
+    const Question question{.middle = {}, .where = {{}, earth::Heights::kEllipsoid}, .isPrivate = false, .reach = 300'000};
     const Json root = Json::parse(rootTileset(terrain, question, ""))["root"];
     ASSERT_TRUE(root.contains("transform")) << c.crs;
     double worst = 0;  // of a tile's error
