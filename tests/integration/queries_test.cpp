@@ -283,9 +283,9 @@ TEST_F(QueriesTest, TwoLargeGroundsDoNotStopACamera) {
     ASSERT_FALSE(ground);
     const std::string& sentence = ground.error().message;
     // On a busy machine its time is over before it is known which error fits.
-    EXPECT_TRUE(std::ranges::any_of(std::array{" m fits", "smaller radius", "server is busy"},
-                                    [&](const char* part) { return sentence.find(part) != std::string::npos; }))
-        << sentence;
+    EXPECT_TRUE(std::ranges::any_of(std::array{" m fits", "smaller radius", "server is busy"}, [&](const char* part) {
+      return sentence.find(part) != std::string::npos;
+    })) << sentence;
   }
 }
 
