@@ -175,7 +175,7 @@ void Member::askMap() {
               ASSERT_EQ(made.status, 200u) << made.body;
               const auto known = std::ranges::find(made.headers, http::kEditHeader, [](const auto& header) { return header.first; });
               ASSERT_NE(known, made.headers.end());
-              truth_.answered(map::sheetOf(tile, {}), std::stoull(known->second), made.etag, made.body);
+              truth_.answered(map::sheetOf(tile, map::Place()), std::stoull(known->second), made.etag, made.body);
               saw(made.body.size());
             });
 }
