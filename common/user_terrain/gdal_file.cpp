@@ -151,7 +151,7 @@ class Reading {
 
   // A folder of maps side by side.
   Outcome<void> mosaic() {
-    source_ = file_;
+    source_ = std::filesystem::absolute(file_);  // no name is an option, or a driver's
     std::error_code failed;
     if (!std::filesystem::is_directory(file_, failed)) return {};
     std::vector<std::string> files;
