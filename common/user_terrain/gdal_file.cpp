@@ -130,8 +130,8 @@ class GdalFile final : public RasterFile {
 
 class Reading {
  public:
-  Reading(const path& file, std::string why, const RasterOptions& options, bool isPicture, Tools tools)
-      : file_(file), name_(file.string()), why_(std::move(why)), options_(options), isPicture_(isPicture), tools_(std::move(tools)) {}
+  Reading(const path& file, const RasterOptions& options, bool isPicture, Tools tools)
+      : file_(file), name_(file.string()), options_(options), isPicture_(isPicture), tools_(std::move(tools)) {}
 
   Outcome<std::unique_ptr<RasterFile>> open() {
     if (auto made = mosaic(); !made) return made.error();
@@ -341,7 +341,7 @@ class Reading {
   void say(const std::string& what) { said_.append(said_.empty() ? "" : ", ").append(what); }
 
   const path file_;
-  const std::string name_, why_;
+  const std::string name_;
   const RasterOptions& options_;
   const bool isPicture_;
   Tools tools_;
@@ -360,7 +360,7 @@ Outcome<std::unique_ptr<RasterFile>> openByGdal(const std::filesystem::path& fil
   auto tools = Tools::find(file.string(), why);
   if (!tools) return tools.error();
   try {
-    return Reading(file, why, options, isPicture, std::move(*tools)).open();
+    return Reading(file, options, isPicture, std::move(*tools)).open();
   } catch (const Json::exception&) {
     return Error{file.string() + ": GDAL's programs describe it in a way that is not understood"};
   }

@@ -18,6 +18,9 @@ namespace {
 constexpr double kRadius = 6'378'137, kFlattening = 1 / 298.257223563, kEccentricity2 = kFlattening * (2 - kFlattening);
 constexpr double kRadians = std::numbers::pi / 180;
 
+// Where the normal of a plane leaves the ellipsoid.
+Place belowOf(const Matrix& plane) { return {std::atan2(plane[9], plane[8]), std::asin(std::clamp(plane[10], -1.0, 1.0))}; }
+
 }  // namespace
 
 struct Grid::Projection {
@@ -134,13 +137,18 @@ std::optional<Matrix> onEarth(const std::string& crs, const terrain::GridPlace& 
   return out;
 }
 
-std::array<std::array<double, 3>, 2> axesOf(const Matrix& plane) {
-  const Matrix here = eastNorthUp({std::atan2(plane[9], plane[8]), std::asin(std::clamp(plane[10], -1.0, 1.0))});
-  std::array<std::array<double, 3>, 2> out{};
-  for (std::size_t column = 0; column < 2; ++column)
-    for (std::size_t axis = 0; axis < 3; ++axis)
-      for (std::size_t k = 0; k < 3; ++k) out[column][axis] += plane[4 * column + k] * here[4 * axis + k];
-  return out;
+std::optional<Turn> turnOf(const terrain::Raster& map, lattice::Point origin) {
+  const auto grid = terrain::onGrid(map, origin);
+  const auto plane = grid ? onEarth(map.origin().crs, *grid, *grid) : std::nullopt;
+  if (!plane) return std::nullopt;
+  const Matrix here = eastNorthUp(belowOf(*plane));
+  double east = 0, north = 0;  // of the grid's own east
+  for (std::size_t k = 0; k < 3; ++k) {
+    east += (*plane)[k] * here[k];
+    north += (*plane)[k] * here[4 + k];
+  }
+  const double length = std::hypot(east, north);
+  return Turn{east / length, north / length};
 }
 
 Matrix product(const Matrix& b, const Matrix& a) {
@@ -191,36 +199,30 @@ std::optional<Placement> Placement::of(const terrain::Raster* map, lattice::Poin
   Placement out;
   if (where.heights == Heights::kSea && seaLevel({})) out.heights_ = Heights::kSea;
   out.origin_ = origin;
-  const auto grid = map ? terrain::onGrid(*map, origin) : std::nullopt;
-  const auto own = grid ? onEarth(map->origin().crs, *grid, *grid) : std::nullopt;
+  const auto turn = map ? turnOf(*map, origin) : std::nullopt;
   if (!at) {
-    if (!own) return std::nullopt;
+    if (!turn) return std::nullopt;
     out.crs_ = map->origin().crs;
-    out.grid_ = *grid;
+    out.grid_ = *terrain::onGrid(*map, origin);
     return out;
   }
   out.crs_ = "+proj=aeqd +lat_0=" + text::rounded(at->latitude / kRadians, 17) + " +lon_0=" + text::rounded(at->longitude / kRadians, 17) +
              " +datum=WGS84 +units=m";
   out.height_ = at->height;
-  if (own) {
-    const auto eastern = axesOf(*own)[0];
-    const double length = std::hypot(eastern[0], eastern[1]);
-    out.cosine_ = eastern[0] / length;
-    out.sine_ = eastern[1] / length;
-  }
+  out.turn_ = turn.value_or(Turn());
   return out;
 }
 
 std::optional<Matrix> Placement::at(lattice::Point place) const {
   const double x = lattice::metres(place.x - origin_.x), y = -lattice::metres(place.z - origin_.z);
-  auto plane = onEarth(crs_, grid_, {grid_.easting + cosine_ * x - sine_ * y, grid_.northing + sine_ * x + cosine_ * y});
+  const auto [cosine, sine] = turn_;
+  const auto plane = onEarth(crs_, grid_, {grid_.easting + cosine * x - sine * y, grid_.northing + sine * x + cosine * y});
   if (!plane) return std::nullopt;
   Matrix out = *plane;
-  const Place normal{std::atan2(out[9], out[8]), std::asin(std::clamp(out[10], -1.0, 1.0))};
-  const double height = height_ + (heights_ == Heights::kSea ? seaLevel(normal).value_or(0) : 0);
+  const double height = height_ + (heights_ == Heights::kSea ? seaLevel(belowOf(out)).value_or(0) : 0);
   for (std::size_t k = 0; k < 3; ++k) {
-    out[k] = cosine_ * (*plane)[k] + sine_ * (*plane)[4 + k];
-    out[4 + k] = cosine_ * (*plane)[4 + k] - sine_ * (*plane)[k];
+    out[k] = cosine * (*plane)[k] + sine * (*plane)[4 + k];
+    out[4 + k] = cosine * (*plane)[4 + k] - sine * (*plane)[k];
     out[12 + k] += height * out[8 + k];
   }
   return out;

@@ -65,8 +65,11 @@ class Grid {
 // terrain::RasterOrigin has it, and metres. Empty: PROJ does not know the CRS, or it has no such place.
 std::optional<Matrix> onEarth(const std::string& crs, const terrain::GridPlace& about, const terrain::GridPlace& at);
 
-// A plane's axes x and y, seen from east, north and up of its place.
-std::array<std::array<double, 3>, 2> axesOf(const Matrix& plane);
+// By how much a map's grid is turned against true east at a place of the world, northwards. Empty: the map does not say where it lies.
+struct Turn {
+  double cosine = 1, sine = 0;
+};
+std::optional<Turn> turnOf(const terrain::Raster& map, lattice::Point origin);
 
 // a, then b.
 Matrix product(const Matrix& b, const Matrix& a);
@@ -87,7 +90,7 @@ class Placement {
   std::string crs_;
   terrain::GridPlace grid_;  // of origin_
   lattice::Point origin_;
-  double cosine_ = 1, sine_ = 0;  // of the turn from the grid's east to x
+  Turn turn_;  // from the grid's east to x
   double height_ = 0;
   Heights heights_ = Heights::kEllipsoid;
 };

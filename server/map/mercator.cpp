@@ -42,13 +42,11 @@ Sheet sheetOf(const TileAddress& tile, const Place& origin, const terrain::Raste
   if (tile.level > 0) west -= 2 * half * std::round((west + side / 2) / (2 * half));  // the nearer way round the Earth
   out.x = (west + pixel / 2) * scale;
   out.z = (originY - half + (std::ldexp(tile.y, 8) + 0.5) * pixel) * scale;
-  const auto grid = map ? terrain::onGrid(*map, {}) : std::nullopt;
-  const auto plane = grid ? earth::onEarth(map->origin().crs, *grid, *grid) : std::nullopt;
-  if (!plane) return out;
-  const auto [eastern, northern] = earth::axesOf(*plane);
-  const double length = std::hypot(eastern[0], eastern[1]), c = eastern[0] / length, s = eastern[1] / length;
+  const auto turn = map ? earth::turnOf(*map, {}) : std::nullopt;
+  if (!turn) return out;
+  const auto [c, s] = *turn;
   const Sheet straight = out;
-  bend(out, [&](double column, double row) {
+  bend(out, [&, c = c, s = s](double column, double row) {
     const double east = straight.x + (column - 0.5) * straight.pitchX, south = straight.z + (row - 0.5) * straight.pitchZ;
     return std::optional(Sheet::Node{c * east - s * south, s * east + c * south});
   });

@@ -92,25 +92,28 @@ Json boxOf(const Known& tile, lattice::Point origin) {
             0, (tile.highest - tile.lowest) / 2}}};
 }
 
-// A frame, and the place whose plane it lies on.
-struct Parent {
-  lattice::Point frame, place;
+// Where a tile's own coordinates begin, the place whose plane it lies on and, on the globe, from them to it; empty: it does not reach there.
+struct Frame {
+  lattice::Point origin, place;
+  std::optional<earth::Matrix> world;
 };
-Parent ownOf(LeafAddress square) { return {frameOf(square), middleOf(square)}; }
+Frame frameAt(const Pyramid& pyramid, lattice::Point origin, lattice::Point place) {
+  return {origin, place, pyramid.placement ? worldOf(*pyramid.placement, origin, place) : std::nullopt};
+}
+Frame ownOf(const Pyramid& pyramid, LeafAddress square) { return frameAt(pyramid, frameOf(square), middleOf(square)); }
 
 // The tile without content and children, in the parent's frame. Null: the globe does not reach there.
-Json tileOf(const Pyramid& pyramid, LeafAddress square, const Known& known, const Parent& parent) {
-  const auto [frame, place] = ownOf(square);
-  Json out{{"boundingVolume", boxOf(pyramid.placement ? curved(known) : known, frame)}, {"geometricError", known.error}};
-  if (frame == parent.frame && place == parent.place) return out;
+Json tileOf(const Pyramid& pyramid, const Known& known, const Frame& own, const Frame& parent) {
+  Json out{{"boundingVolume", boxOf(pyramid.placement ? curved(known) : known, own.origin)}, {"geometricError", known.error}};
+  if (own.origin == parent.origin && own.place == parent.place) return out;
   if (!pyramid.placement) {
-    if (frame != parent.frame)
-      out["transform"] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, metres(frame.x - parent.frame.x), -metres(frame.z - parent.frame.z), 0, 1};
+    if (own.origin != parent.origin)
+      out["transform"] = {
+          1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, metres(own.origin.x - parent.origin.x), -metres(own.origin.z - parent.origin.z), 0, 1};
     return out;
   }
-  const auto own = worldOf(*pyramid.placement, frame, place), others = worldOf(*pyramid.placement, parent.frame, parent.place);
-  if (!own || !others) return nullptr;
-  out["transform"] = earth::product(earth::inverse(*others), *own);
+  if (!own.world || !parent.world) return nullptr;
+  out["transform"] = earth::product(earth::inverse(*parent.world), *own.world);
   return out;
 }
 
@@ -119,18 +122,18 @@ Json contentOf(LeafAddress square, const char* folder, const char* ending, const
                       (query.empty() ? "" : "?" + query)}};
 }
 
-// Null: there is no such tile.
-Json tree(const Pyramid& pyramid, LeafAddress square, int last, const Parent& parent) {
+// Without a parent: in its own frame. Null: there is no such tile.
+Json tree(const Pyramid& pyramid, LeafAddress square, int last, const Frame* parent) {
   const auto known = pyramid.tile(square);
   if (!known) return nullptr;
-  Json out = tileOf(pyramid, square, *known, parent);
+  const Frame own = ownOf(pyramid, square);
+  Json out = tileOf(pyramid, *known, own, parent ? *parent : own);
   if (out.is_null()) return out;
   const bool refers = square.level < last && square.level > pyramid.finest;
   out["content"] = contentOf(square, "../../", refers ? ".json" : ".glb", pyramid.query);
   if (refers || square.level == pyramid.finest) return out;
   for (int quadrant = 0; quadrant < 4; ++quadrant)
-    if (Json child = tree(pyramid, square.child(quadrant), last, ownOf(square)); !child.is_null())
-      out["children"].push_back(std::move(child));
+    if (Json child = tree(pyramid, square.child(quadrant), last, &own); !child.is_null()) out["children"].push_back(std::move(child));
   return out;
 }
 
@@ -168,10 +171,11 @@ void Known::include(const Known& other) {
 std::string rootTileset(const Pyramid& pyramid, const Root& root) {
   Json children = Json::array();
   std::optional<Known> all;
+  const Frame own = frameAt(pyramid, root.origin, root.origin);
   for (const LeafAddress square : root.squares) {
     const auto known = pyramid.tile(square);
     if (!known) continue;
-    Json child = tileOf(pyramid, square, *known, {root.origin, root.origin});
+    Json child = tileOf(pyramid, *known, ownOf(pyramid, square), own);
     if (child.is_null()) continue;
     children.push_back(std::move(child));
     children.back()["content"] = contentOf(square, "", square.level == pyramid.finest ? ".glb" : ".json", pyramid.query);
@@ -181,7 +185,7 @@ std::string rootTileset(const Pyramid& pyramid, const Root& root) {
   Known covered = all.value_or(Known());
   if (pyramid.placement) covered = curved(covered);
   Json out{{"boundingVolume", boxOf(covered, root.origin)}, {"geometricError", root.error}, {"children", std::move(children)}};
-  if (const auto plane = pyramid.placement ? pyramid.placement->at(root.origin) : std::nullopt) out["transform"] = *plane;
+  if (own.world) out["transform"] = *own.world;
   Json asset = Json::object();
   if (!root.extras.empty()) asset["extras"] = Json::parse(root.extras);
   if (pyramid.placement)
@@ -192,7 +196,7 @@ std::string rootTileset(const Pyramid& pyramid, const Root& root) {
 
 std::string tilesetOf(const Pyramid& pyramid, LeafAddress square) {
   const int last = std::max(pyramid.finest, square.level - kLevels + 1);
-  Json root = tree(pyramid, square, last, ownOf(square));
+  Json root = tree(pyramid, square, last, nullptr);
   const double error = root["geometricError"];
   return written(std::move(root), 2 * error);
 }
