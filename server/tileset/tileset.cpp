@@ -92,7 +92,7 @@ Json boxOf(const Known& tile, lattice::Point origin) {
             0, (tile.highest - tile.lowest) / 2}}};
 }
 
-// Where a tile's own coordinates begin, the place whose plane it lies on and, on the globe, from them to it; empty: it does not reach there.
+// Where a tile's own coordinates begin, the place whose plane it lies on and, on the globe, from them to it; empty: it is out of reach.
 struct Frame {
   lattice::Point origin, place;
   std::optional<earth::Matrix> world;
