@@ -192,6 +192,10 @@ struct Connection::Impl final : WebSocket::Listener {
         message = clock_.ask(Clock::now());
       else
         message = outbox_.next();
+      if (message && std::holds_alternative<wire::SetClock>(*message)) {
+        clock_.setLeft();
+        requestsClock_ = hello_.clock && world_.revision >= 1;
+      }
     }
     if (!message) return;
     writing_ = true;
@@ -293,7 +297,12 @@ void Connection::find(const wire::FindEdits& find) {
   });
 }
 
-void Connection::setClock(const wire::SetClock& set) { impl_->say(set); }
+void Connection::setClock(const wire::SetClock& set) {
+  impl_->put([&] {
+    impl_->clock_.set();
+    return impl_->outbox_.put(set);
+  });
+}
 void Connection::step(const wire::ClockStep& step) { impl_->say(step); }
 void Connection::stepDone(const wire::StepDone& done) { impl_->say(done); }
 void Connection::skipSteps(bool skips) {

@@ -24,9 +24,16 @@ class SessionClock {
   std::uint64_t time(Instant now) const;                     // session time, microseconds
   std::chrono::microseconds uncertainty(Instant now) const;  // of time(): half a round trip, and what two clocks drift; 0 when stepped
   bool waitsFor(std::uint64_t camera) const;                 // the newest step is not done before this member says so
+  // Whether what was said last knows everything that this client set.
+  bool isSettled() const { return waiting_ == 0 && answered_ >= settles_; }
 
   wire::AskClock ask(Instant now);  // a question to send now; an earlier one that was not answered is forgotten
   void hear(const wire::Clock& clock, Instant now);
+  void set() { ++waiting_; }  // wire::SetClock waits to leave
+  void setLeft() {            // it has left; the next question comes after it
+    --waiting_;
+    settles_ = asked_ + 1;
+  }
 
  private:
   struct Sample {
@@ -38,7 +45,8 @@ class SessionClock {
 
   wire::Clock said_;
   std::string notice_;
-  std::uint64_t version_ = 0, asked_ = 0;
+  std::uint64_t version_ = 0, asked_ = 0, answered_ = 0, waiting_ = 0;
+  std::uint64_t settles_ = 0;  // the question whose answer does
   std::optional<Instant> askedAt_;
   std::optional<Sample> best_;
   double halfTrip_ = 0;  // microseconds, the shortest so far

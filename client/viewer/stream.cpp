@@ -140,10 +140,12 @@ void Stream::showClock(const connection::SessionClock& clock) {
   if (!bar.known) bar.on = said.end != 0;  // whoever looks at a recording wants it
   bar.known = true;
   bar.jumps = client().world().revision >= 6;
-  bar.time = clock.time(Clock::now());
   bar.end = said.end;
-  bar.runs = said.rate > 0;
-  if (bar.runs) bar.rate = said.rate;
+  if (clock.isSettled()) {
+    bar.time = clock.time(Clock::now());
+    bar.runs = said.rate > 0;
+    if (bar.runs) bar.rate = said.rate;
+  }
   bar.driver.clear();
   if (said.owner != 0 && said.owner != client().world().camera) {
     const auto owner = others_ ? others_->others().find(said.owner) : std::map<std::uint64_t, connection::Other>::const_iterator{};

@@ -61,11 +61,13 @@ export interface ClockTold {
   rate: number; // session seconds a second; 0: it stands
   end: number; // microseconds, of a recording; 0: it is none
   owner: string; // a camera's number; 0: nobody
+  answers: number; // the ClockSet that this is the answer to; 0: none
 }
 /** How it is to go on; everybody may drive it afterwards. */
 export interface ClockSet {
   rate: number; // 0: it stands
   time: number; // microseconds; 0: no jump
+  number: number; // from 1
 }
 
 /** Somebody else in the session. */

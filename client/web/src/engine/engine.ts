@@ -81,7 +81,7 @@ export class Engine {
       case 'brush':
         return this.tell({ kind: 'touched', number: message.brush.number, touched: this.replica && touch(this.replica.scene, message.brush) });
       case 'set clock':
-        return this.stream?.setClock(message.set.rate, message.set.time);
+        return this.stream?.setClock(message.set.rate, message.set.time, message.set.number);
       case 'hurry':
         return this.stream?.hurry();
       case 'stop':
@@ -120,8 +120,8 @@ export class Engine {
         },
         onGranted: (granted) => this.tell({ kind: 'granted', threshold: granted.threshold }),
         onClock: (clock) => {
-          const { rate, time, end, owner } = clock, at = performance.timeOrigin + performance.now();
-          this.tell({ kind: 'clock', clock: { time: Number(time), at, rate, end: Number(end), owner: String(owner) } });
+          const { rate, time, end, owner, echo } = clock, at = performance.timeOrigin + performance.now();
+          this.tell({ kind: 'clock', clock: { time: Number(time), at, rate, end: Number(end), owner: String(owner), answers: Number(echo) } });
           if (clock.notice.length > 0) this.tell({ kind: 'notice', sentence: text(clock.notice) });
         },
         onEditAnswer: ({ id, number, refusal }) => this.tell({ kind: 'edit answer', id: Number(id), number: Number(number), refusal: text(refusal) }),

@@ -2,7 +2,7 @@
 // Comes back by itself after a loss, waiting longer after each failure and by chance.
 
 import { create, fromBinary, toBinary } from '@bufbuild/protobuf';
-import { AcknowledgeSchema, ClientMessage, ClientMessageSchema, Clock, ClockMode, EditAnswer, EditSchema, Error_Code, FindEditsSchema, FoundEdits, HelloSchema, Iteration, Members, Metric, Pacing, PoseSchema, ResendLeavesSchema, ResumeSchema, ServerMessageSchema, SetClockSchema, Settings as WireSettings, SettingsSchema, Squares, StepDoneSchema, WantSquaresSchema, World } from '../generated/ridgecast/v1/stream_pb';
+import { AcknowledgeSchema, AskClockSchema, ClientMessage, ClientMessageSchema, Clock, ClockMode, EditAnswer, EditSchema, Error_Code, FindEditsSchema, FoundEdits, HelloSchema, Iteration, Members, Metric, Pacing, PoseSchema, ResendLeavesSchema, ResumeSchema, ServerMessageSchema, SetClockSchema, Settings as WireSettings, SettingsSchema, Squares, StepDoneSchema, WantSquaresSchema, World } from '../generated/ridgecast/v1/stream_pb';
 import { LeafAddress, Refusal } from '../codec/mesh';
 
 export const PROTOCOL_VERSION = 1;
@@ -154,10 +154,11 @@ export class Stream {
     if (this.world && takesEdits(this.world)) this.send({ case: 'edit', value: create(EditSchema, { id: BigInt(id), key: bytes(key), operation: bytes(operation) }) });
   }
 
-  /** Takes the clock for as long as that takes. Rate 0: it stands; time: microseconds, 0: no jump. */
-  setClock(rate: number, time: number): void {
+  /** Takes the clock for as long as that takes. Rate 0: it stands; time: microseconds, 0: no jump. The Clock that echoes `number` knows it. */
+  setClock(rate: number, time: number, number: number): void {
     const mode = rate === 0 ? ClockMode.CLOCK_STEPPED : rate === 1 ? ClockMode.CLOCK_REAL_TIME : ClockMode.CLOCK_SCALED;
     for (const own of [true, false]) this.send({ case: 'setClock', value: create(SetClockSchema, { own, mode, rate, time: BigInt(time) }) });
+    this.send({ case: 'askClock', value: create(AskClockSchema, { echo: BigInt(number) }) });
   }
 
   /** Only where the world tellsEdits(). */

@@ -24,6 +24,8 @@ export class Clock {
   private rate = 1; // that it runs at, or goes on with
   private driver = ''; // who else has it
   private isHeld = false; // the slider
+  private asked = 0; // ClockSet.number
+  private answered = 0;
 
   constructor(private readonly on: { set: (set: ClockSet) => void; say: (sentence: string) => void }) {
     const { slider, bar } = this;
@@ -48,11 +50,14 @@ export class Clock {
   enter(world: WorldTold): void {
     if (this.world?.session !== world.session) this.told = undefined;
     this.world = world;
+    this.answered = this.asked; // or lost with the connection
   }
   set(told: ClockTold, others: MemberTold[]): void {
     const isFirst = this.told === undefined;
-    this.told = told;
-    if (told.rate > 0) this.rate = told.rate;
+    this.answered = Math.max(this.answered, told.answers);
+    // Until the server has heard all that was set, what it says of that may be older.
+    this.told = this.told && this.answered < this.asked ? { ...this.told, end: told.end, owner: told.owner } : told;
+    this.rate = this.told.rate || this.rate;
     const owner = others.find(({ camera }) => camera === told.owner);
     this.driver = told.owner === '0' || told.owner === this.world?.camera ? '' : owner ? nameOf(owner) : `Member ${told.owner}`;
     if (isFirst) this.show(told.end > 0); // whoever looks at a recording wants it
@@ -127,7 +132,7 @@ export class Clock {
     if (why) return this.on.say(why), false;
     // So that the next key, which may be pressed before the server answers, goes on from there.
     this.told = { ...told, rate, time: time || this.time, at: performance.timeOrigin + performance.now() };
-    this.on.set({ rate, time });
+    this.on.set({ rate, time, number: ++this.asked });
     return true;
   }
   private say(id: string, text: string): void {

@@ -31,6 +31,27 @@ TEST(SessionClock, KeepsTheLastSentenceAboutIt) {
   EXPECT_EQ(clock.notice(), said.notice);
 }
 
+TEST(SessionClock, IsSettledOnceTheServerAnswersAQuestionAskedAfterAllThatWasSet) {
+  SessionClock clock;
+  EXPECT_TRUE(clock.isSettled());
+  const auto before = clock.ask(Instant{1h});
+  clock.set();
+  clock.set();
+  EXPECT_FALSE(clock.isSettled()) << "they wait to leave";
+  clock.setLeft();
+  const auto between = clock.ask(Instant{1h});
+  clock.setLeft();
+  for (const std::uint64_t older : {std::uint64_t{0}, before.echo, between.echo}) {
+    clock.hear(running(1, older), Instant{1h});
+    EXPECT_FALSE(clock.isSettled());
+  }
+  const auto after = clock.ask(Instant{1h});
+  clock.hear(running(2, between.echo), Instant{1h});
+  EXPECT_FALSE(clock.isSettled());
+  clock.hear(running(2, after.echo), Instant{1h});
+  EXPECT_TRUE(clock.isSettled());
+}
+
 TEST(SessionClock, IsGoodToHalfARoundTrip) {
   // Random delays either way: what it says differs from the truth by no more than it says it may.
   std::mt19937 random(3);
