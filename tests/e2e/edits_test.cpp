@@ -70,7 +70,7 @@ TEST(KilledServer, LosesNoEditThatItAcknowledged) {
   int key = 0;
   for (int round = 0; round < rounds(); ++round) {
     ServerProcess server(RIDGECAST_SERVER, arguments);
-    std::thread killer([&server, wait = std::chrono::microseconds(random() % 400'000)] {
+    const std::jthread killer([&server, wait = std::chrono::microseconds(random() % 400'000)] {
       std::this_thread::sleep_for(wait);
       kill(server.process().id(), SIGKILL);
     });
@@ -83,7 +83,6 @@ TEST(KilledServer, LosesNoEditThatItAcknowledged) {
       if (answer.find(" 201 ") != std::string::npos) acknowledged[name] = bodyOf(answer)["number"];
       if (answer.empty()) break;
     }
-    killer.join();
   }
   ASSERT_GT(acknowledged.size(), static_cast<std::size_t>(rounds()));
 

@@ -57,12 +57,12 @@ bool SocketClient::fill(std::size_t bytes) {
 std::string SocketClient::answer(bool hasBody) {
   std::size_t end = std::string::npos;
   while ((end = buffer_.find("\r\n\r\n")) == std::string::npos)
-    if (!fill(buffer_.size() + 1)) return std::exchange(buffer_, {});
+    if (!fill(buffer_.size() + 1)) return {};
   end += 4;
   auto length = buffer_.find("Content-Length: ");
   if (length >= end) length = buffer_.find("content-length: ");  // as balancers write it
   if (hasBody && length < end) end += std::stoul(buffer_.substr(length + 16));
-  fill(end);
+  if (!fill(end)) return {};
   std::string answer = buffer_.substr(0, end);
   buffer_.erase(0, end);
   return answer;

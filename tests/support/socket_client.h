@@ -17,7 +17,7 @@ class SocketClient {
   SocketClient& operator=(const SocketClient&) = delete;
 
   bool send(std::string_view bytes);  // false: the server has closed
-  // An HTTP answer: header and body (by Content-Length), or what came until the connection ended.
+  // An HTTP answer: header and body (by Content-Length). Empty: none came whole, for a server may fall in the midst of one.
   std::string answer(bool hasBody = true);
   bool closed();  // waits until the server closes; false: it does not
 
@@ -46,7 +46,7 @@ class SocketClient {
 };
 
 // The answer to one request, `line` being "GET /path", on a connection of its own; a body is JSON. `headers`: further lines, each with its
-// \r\n. Empty: nobody listens.
+// \r\n. Empty: nobody listens, or the server fell before it was whole.
 std::string ask(std::uint16_t port, std::string_view line, std::string_view body = "", std::string_view headers = "");
 
 }  // namespace ridgecast::testing_support
