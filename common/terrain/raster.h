@@ -47,9 +47,10 @@ struct RasterAxis {
   double metres() const { return steps() * lattice::kMetresPerStep; }
   float inverse() const { return static_cast<float>(1 / steps()); }
   Between at(lattice::Step v) const {
-    const Wide from = static_cast<Wide>(v - origin) << kPitchBits, size = pitch;
-    const Wide sample = from >= 0 ? from / size : -((size - 1 - from) / size);
-    return {static_cast<std::int64_t>(sample), static_cast<Pitch>(from - sample * size)};
+    constexpr lattice::Step kNear = lattice::Step{1} << 42;  // 17,000 km: 64 bits suffice, in half the time
+    const lattice::Step from = v - origin;
+    return from > -kNear && from < kNear ? before(from << kPitchBits, static_cast<std::int64_t>(pitch))
+                                         : before(static_cast<Wide>(from) << kPitchBits, static_cast<Wide>(pitch));
   }
   // The step that a sample lies at or behind.
   lattice::Step of(std::int64_t sample) const {
@@ -61,6 +62,11 @@ struct RasterAxis {
 
  private:
   using Wide = __int128;
+  template <class Parts>
+  static Between before(Parts from, Parts size) {
+    const Parts sample = from >= 0 ? from / size : -((size - 1 - from) / size);
+    return {static_cast<std::int64_t>(sample), static_cast<Pitch>(from - sample * size)};
+  }
 };
 
 struct RasterShape {

@@ -119,6 +119,20 @@ TEST(Raster, CoordinatesFallBetweenSamplesOnBothSidesOfTheOrigin) {
   EXPECT_EQ((RasterAxis{-lattice::kMaxPosition, kMinPitch}.at(lattice::kMaxPosition).sample), std::int64_t{1} << 47);
 }
 
+TEST(Raster, CoordinatesFallBetweenSamplesNearAndFar) {
+  std::mt19937_64 random(8);
+  for (const int bits : {20, 41, 42, 43, 46})
+    for (int k = 0; k < 2000; ++k) {
+      const RasterAxis axis{static_cast<lattice::Step>(random() % 1000), kMinPitch + random() % (kMaxPitch - kMinPitch)};
+      const lattice::Step from = (random() % 2 == 0 ? 1 : -1) * ((lattice::Step{1} << bits) + static_cast<lattice::Step>(random() % 5) - 2);
+      const Between b = axis.at(axis.origin + from);
+      ASSERT_LT(b.parts, axis.pitch);
+      ASSERT_TRUE(static_cast<__int128>(b.sample) * static_cast<std::int64_t>(axis.pitch) + static_cast<std::int64_t>(b.parts) ==
+                  static_cast<__int128>(from) * static_cast<std::int64_t>(pitchOf(1)))
+          << from << " of " << axis.pitch;
+    }
+}
+
 std::unique_ptr<Tile> tileOf(const std::function<std::int32_t(int, int)>& height) {
   auto tile = std::make_unique<Tile>();
   for (int z = 0; z < kTileSide; ++z)
