@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <list>
 #include <memory>
 #include <numbers>
 #include <string>
@@ -62,13 +63,18 @@ Grid::Grid(const std::string& crs, const terrain::GridPlace& about) : projection
 Grid::~Grid() = default;
 
 const Grid* Grid::of(const std::string& crs, const terrain::GridPlace& about) {
-  thread_local std::tuple<std::string, double, double> last;
-  thread_local std::unique_ptr<Grid> grid;
-  if (std::tuple asked(crs, about.easting, about.northing); !grid || last != asked) {
-    grid.reset(new Grid(crs, about));
-    last = std::move(asked);
+  using Asked = std::tuple<std::string, double, double>;
+  using Kept = std::pair<Asked, std::unique_ptr<Grid>>;
+  thread_local std::list<Kept> kept;  // the last first
+  Asked asked(crs, about.easting, about.northing);
+  if (const auto found = std::ranges::find(kept, asked, &Kept::first); found != kept.end()) {
+    kept.splice(kept.begin(), kept, found);
+  } else {
+    kept.emplace_front(std::move(asked), std::unique_ptr<Grid>(new Grid(crs, about)));
+    if (kept.size() > kKeptGrids) kept.pop_back();
   }
-  return grid->projection_->earth && grid->projection_->degrees ? grid.get() : nullptr;
+  const Grid* const grid = kept.front().second.get();
+  return grid->projection_->earth && grid->projection_->degrees ? grid : nullptr;
 }
 
 std::optional<std::array<double, 3>> Grid::onEarth(const terrain::GridPlace& at) const {

@@ -47,8 +47,9 @@ Matrix eastNorthUp(const Place& place);
 // thread.
 class Grid {
  public:
-  // By the way that is best `about` a place on it. A thread keeps the one that it asked for last: making one takes tens of milliseconds.
+  // By the way that is best `about` a place on it. A thread keeps the last kKeptGrids: making one takes tens of milliseconds.
   // Null: PROJ does not know it, or not as projected.
+  static constexpr std::size_t kKeptGrids = 4;
   static const Grid* of(const std::string& crs, const terrain::GridPlace& about);
   ~Grid();
   // Metres of EPSG:4978, and from degrees; empty: there is no such place.
