@@ -21,6 +21,10 @@ template <class T>
 struct Vector3;
 template <class T>
 struct Vector4;
+template <class V, int... K>
+struct Assigned__;  // glsl_extras.h
+template <class V, int... K>
+struct Handed__;
 
 // Component k; past the end is the last, so that a wrong index reads what is there.
 template <int K, class V>
@@ -44,11 +48,58 @@ constexpr auto swizzled(V v) {
     return Vector4<T>(component<K>(v)...);
 }
 
+// The components of numbers and vectors one after the other, which constructors take in any mixture.
+template <class T>
+struct Components {
+  T at[16];
+  int count = 0;
+  template <class U>
+  constexpr void put(U v) {
+    at[count++] = T(v);
+  }
+  template <class U>
+  constexpr void put(Vector2<U> v) {
+    put(v.x), put(v.y);
+  }
+  template <class U>
+  constexpr void put(Vector3<U> v) {
+    put(v.x), put(v.y), put(v.z);
+  }
+  template <class U>
+  constexpr void put(Vector4<U> v) {
+    put(v.x), put(v.y), put(v.z), put(v.w);
+  }
+  template <class... A>
+  constexpr explicit Components(const A&... a) : at{} {
+    (put(a), ...);
+  }
+};
+
+// Of all vectors: components of it, to read, to assign to, and to hand to an `inout` of a function; and its first as a number.
+#define RIDGECAST_PARTS(Vector)                                  \
+  template <int... K>                                            \
+  constexpr auto swizzle() const {                               \
+    return swizzled<T, K...>(*this);                             \
+  }                                                              \
+  template <int... K>                                            \
+  constexpr auto assigned()& {                                   \
+    return Assigned__<Vector, K...>{*this};                      \
+  }                                                              \
+  template <int... K>                                            \
+  constexpr auto handed()& {                                     \
+    return Handed__<Vector, K...>(*this);                        \
+  }                                                              \
+  constexpr explicit operator float() const { return float(x); } \
+  constexpr explicit operator int() const { return int(x); }     \
+  constexpr explicit operator uint() const { return uint(x); }
+
 template <class T>
 struct Vector2 {
   T x, y;
   Vector2() = default;
   constexpr Vector2(T a, T b) : x(a), y(b) {}
+  template <class A, class B>
+  constexpr explicit Vector2(A a, B b) : x(T(a)), y(T(b)) {}
   constexpr explicit Vector2(T s) : x(s), y(s) {}
   template <class U>
   constexpr explicit Vector2(Vector2<U> v) : x(T(v.x)), y(T(v.y)) {}
@@ -56,10 +107,7 @@ struct Vector2 {
   constexpr explicit Vector2(Vector3<U> v) : x(T(v.x)), y(T(v.y)) {}
   template <class U>
   constexpr explicit Vector2(Vector4<U> v) : x(T(v.x)), y(T(v.y)) {}
-  template <int... K>
-  constexpr auto swizzle() const {
-    return swizzled<T, K...>(*this);
-  }
+  RIDGECAST_PARTS(Vector2)
   constexpr T& operator[](int i) { return i <= 0 ? x : y; }
   constexpr const T& operator[](int i) const { return i <= 0 ? x : y; }
 };
@@ -71,14 +119,14 @@ struct Vector3 {
   constexpr explicit Vector3(T s) : x(s), y(s), z(s) {}
   constexpr Vector3(Vector2<T> v, T c) : x(v.x), y(v.y), z(c) {}
   constexpr Vector3(T a, Vector2<T> v) : x(a), y(v.x), z(v.y) {}
+  constexpr explicit Vector3(const Components<T>& c) : x(c.at[0]), y(c.at[1]), z(c.at[2]) {}
+  template <class A, class B, class... C>
+  constexpr explicit Vector3(A a, B b, C... c) : Vector3(Components<T>(a, b, c...)) {}
   template <class U>
   constexpr explicit Vector3(Vector3<U> v) : x(T(v.x)), y(T(v.y)), z(T(v.z)) {}
   template <class U>
   constexpr explicit Vector3(Vector4<U> v) : x(T(v.x)), y(T(v.y)), z(T(v.z)) {}
-  template <int... K>
-  constexpr auto swizzle() const {
-    return swizzled<T, K...>(*this);
-  }
+  RIDGECAST_PARTS(Vector3)
   constexpr T& operator[](int i) { return i <= 0 ? x : i == 1 ? y : z; }
   constexpr const T& operator[](int i) const { return i <= 0 ? x : i == 1 ? y : z; }
 };
@@ -94,12 +142,12 @@ struct Vector4 {
   constexpr Vector4(T a, T b, Vector2<T> v) : x(a), y(b), z(v.x), w(v.y) {}
   constexpr Vector4(T a, Vector2<T> v, T d) : x(a), y(v.x), z(v.y), w(d) {}
   constexpr Vector4(Vector2<T> v, Vector2<T> u) : x(v.x), y(v.y), z(u.x), w(u.y) {}
+  constexpr explicit Vector4(const Components<T>& c) : x(c.at[0]), y(c.at[1]), z(c.at[2]), w(c.at[3]) {}
+  template <class A, class B, class... C>
+  constexpr explicit Vector4(A a, B b, C... c) : Vector4(Components<T>(a, b, c...)) {}
   template <class U>
   constexpr explicit Vector4(Vector4<U> v) : x(T(v.x)), y(T(v.y)), z(T(v.z)), w(T(v.w)) {}
-  template <int... K>
-  constexpr auto swizzle() const {
-    return swizzled<T, K...>(*this);
-  }
+  RIDGECAST_PARTS(Vector4)
   constexpr T& operator[](int i) { return i <= 0 ? x : i == 1 ? y : i == 2 ? z : w; }
   constexpr const T& operator[](int i) const { return i <= 0 ? x : i == 1 ? y : i == 2 ? z : w; }
 };

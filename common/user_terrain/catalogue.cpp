@@ -58,6 +58,21 @@ class Compiled final : public terrain::Terrain {
   mutable std::atomic<bool> told_ = false;
 };
 
+// A line that ends in a backslash goes on in the next, which not every client's GLSL knows. Lines keep their numbers.
+std::string withLinesJoined(std::string_view text) {
+  std::string out;
+  std::size_t open = 0;
+  for (std::size_t i = 0; i < text.size(); ++i) {
+    if (text.substr(i).starts_with("\\\n")) {
+      ++open, ++i;
+      continue;
+    }
+    out += text[i];
+    if (text[i] == '\n') out.append(std::exchange(open, 0), '\n');
+  }
+  return out;
+}
+
 Outcome<std::string> readText(const std::filesystem::path& file) {
   std::error_code failed;
   const auto status = std::filesystem::status(file, failed);
@@ -69,7 +84,7 @@ Outcome<std::string> readText(const std::filesystem::path& file) {
                  " bytes; a terrain file has at most " + std::to_string(kMostText)};
   if (text->starts_with("\xef\xbb\xbf")) text->erase(0, 3);
   std::erase(*text, '\r');
-  return {boost::system::in_place_value, std::move(*text)};
+  return {boost::system::in_place_value, withLinesJoined(*text)};
 }
 
 const terrain::Description* builtIn(std::string_view name) {

@@ -168,7 +168,7 @@ Outcome<void> checkText(std::string_view file, std::string_view text) {
     if (s[first] == '#')
       if (const auto directive = wrongDirective(s.substr(first))) refuse(*directive);
     if (s.find('\\') != std::string_view::npos)
-      refuse("a backslash is not GLSL that every client understands; write the macro on one line, or a function");
+      refuse("a backslash is the last of its line, which goes on in the next, and has no blank behind it");
     for (std::size_t i = 0; i < s.size();) {
       if (!isNameCharacter(s[i])) {
         ++i;

@@ -61,6 +61,84 @@ constexpr A& operator/=(A& a, Modulus__<B> d) {
   return a = remainderOf(a, d.b);
 }
 
+// Several components of a vector, assigned to: p.xz *= m.
+template <int K, class V>
+constexpr auto& part__(V& v) {
+  if constexpr (K == 0)
+    return v.x;
+  else if constexpr (K == 1)
+    return v.y;
+  else if constexpr (K == 2)
+    return v.z;
+  else
+    return v.w;
+}
+template <class V, int... K>
+struct Assigned__ {
+  V& of;
+  constexpr auto value() const { return swizzled<decltype(of.x), K...>(of); }
+  template <class Value>
+  constexpr Value operator=(Value v) const {
+    static_assert(__is_same(Value, decltype(swizzled<decltype(of.x), K...>(of))), "what is assigned has other components");
+    constexpr int at[] = {K...};
+    part__<at[0]>(of) = v.x;
+    part__<at[1]>(of) = v.y;
+    if constexpr (sizeof...(K) > 2) part__<at[2]>(of) = v.z;
+    if constexpr (sizeof...(K) > 3) part__<at[3]>(of) = v.w;
+    return v;
+  }
+#define RIDGECAST_ASSIGNED(op)               \
+  template <class B>                         \
+  constexpr auto operator op##=(B b) const { \
+    return *this = value() op b;             \
+  }
+  RIDGECAST_ASSIGNED(+)
+  RIDGECAST_ASSIGNED(-)
+  RIDGECAST_ASSIGNED(*)
+  RIDGECAST_ASSIGNED(/)
+  RIDGECAST_ASSIGNED(&)
+  RIDGECAST_ASSIGNED(|)
+  RIDGECAST_ASSIGNED(^)
+  RIDGECAST_ASSIGNED(<<)
+  RIDGECAST_ASSIGNED(>>)
+#undef RIDGECAST_ASSIGNED
+  template <class B>
+  constexpr auto operator/=(Divisor__<B> d) const {
+    return *this = divided(value(), d.b);
+  }
+  template <class B>
+  constexpr auto operator/=(Modulus__<B> d) const {
+    return *this = remainderOf(value(), d.b);
+  }
+  constexpr auto operator++() const { return *this += decltype(of.x)(1); }
+  constexpr auto operator--() const { return *this -= decltype(of.x)(1); }
+  constexpr auto operator++(int) const {
+    const auto before = value();
+    ++*this;
+    return before;
+  }
+  constexpr auto operator--(int) const {
+    const auto before = value();
+    --*this;
+    return before;
+  }
+  constexpr auto& operator[](int i) const {
+    constexpr int at[] = {K...}, last = sizeof...(K) - 1;
+    return of[at[i <= 0 ? 0 : i >= last ? last : i]];
+  }
+};
+
+// The same as an argument that a function writes, copied back at the end of the statement.
+template <class V, int... K>
+struct Handed__ {
+  using Value = decltype(swizzled<decltype(V::x), K...>(V()));
+  V& of;
+  Value value;
+  constexpr explicit Handed__(V& v) : of(v), value(swizzled<decltype(V::x), K...>(v)) {}
+  constexpr ~Handed__() { Assigned__<V, K...>{of} = value; }
+  constexpr operator Value&() { return value; }
+};
+
 // An array with safe access: an index out of range means the nearest one in range.
 template <class T, int N>
 struct Array__ {
@@ -69,38 +147,211 @@ struct Array__ {
   constexpr T& operator[](int i) { return items[i < 0 ? 0 : i >= N ? N - 1 : i]; }
   constexpr const T& operator[](int i) const { return items[i < 0 ? 0 : i >= N ? N - 1 : i]; }
   constexpr int length() const { return N; }
+  constexpr bool operator==(const Array__&) const = default;
 };
 
+// Vectors of C++ and GLSL that glsl_as_cpp.h has no need of.
+RIDGECAST_SCALAR_FIRST(operator&, RIDGECAST_AND)
+RIDGECAST_SCALAR_FIRST(operator|, RIDGECAST_OR)
+RIDGECAST_SCALAR_FIRST(operator^, RIDGECAST_XOR)
+#define RIDGECAST_VECTOR(Vector)                       \
+  template <class T>                                   \
+  constexpr Vector<T> operator+(Vector<T> v) {         \
+    return v;                                          \
+  }                                                    \
+  template <class T>                                   \
+  constexpr Vector<T>& operator++(Vector<T>& v) {      \
+    return v += T(1);                                  \
+  }                                                    \
+  template <class T>                                   \
+  constexpr Vector<T>& operator--(Vector<T>& v) {      \
+    return v -= T(1);                                  \
+  }                                                    \
+  template <class T>                                   \
+  constexpr Vector<T> operator++(Vector<T>& v, int) {  \
+    const Vector<T> before = v;                        \
+    v += T(1);                                         \
+    return before;                                     \
+  }                                                    \
+  template <class T>                                   \
+  constexpr Vector<T> operator--(Vector<T>& v, int) {  \
+    const Vector<T> before = v;                        \
+    v -= T(1);                                         \
+    return before;                                     \
+  }                                                    \
+  template <class T, class B>                          \
+  constexpr Vector<T>& operator/=(Vector<T>& v, B b) { \
+    return v = v / b;                                  \
+  }
+RIDGECAST_VECTOR(Vector2)
+RIDGECAST_VECTOR(Vector3)
+RIDGECAST_VECTOR(Vector4)
+#undef RIDGECAST_VECTOR
+template <class T>
+constexpr Vector2<T> operator~(Vector2<T> v) {
+  return {~v.x, ~v.y};
+}
+template <class T>
+constexpr Vector3<T> operator~(Vector3<T> v) {
+  return {~v.x, ~v.y, ~v.z};
+}
+template <class T>
+constexpr Vector4<T> operator~(Vector4<T> v) {
+  return {~v.x, ~v.y, ~v.z, ~v.w};
+}
+
+// Columns. A constructor takes numbers and vectors in any mixture, one number for the diagonal, or another matrix's corner.
 struct mat2 {
   vec2 column0, column1;
   mat2() = default;
-  constexpr explicit mat2(float d) : column0(d, 0.0f), column1(0.0f, d) {}
-  constexpr mat2(float a, float b, float c, float d) : column0(a, b), column1(c, d) {}
   constexpr mat2(vec2 a, vec2 b) : column0(a), column1(b) {}
+  constexpr explicit mat2(float d) : column0(d, 0.0f), column1(0.0f, d) {}
+  constexpr explicit mat2(const Components<float>& c) : column0(c.at[0], c.at[1]), column1(c.at[2], c.at[3]) {}
+  constexpr explicit mat2(vec4 v) : column0(v.x, v.y), column1(v.z, v.w) {}
+  template <class A, class B, class... C>
+  constexpr explicit mat2(A a, B b, C... c) : mat2(Components<float>(a, b, c...)) {}
   constexpr vec2& operator[](int i) { return i <= 0 ? column0 : column1; }
   constexpr const vec2& operator[](int i) const { return i <= 0 ? column0 : column1; }
+  constexpr bool operator==(const mat2&) const = default;
 };
 struct mat3 {
   vec3 column0, column1, column2;
   mat3() = default;
-  constexpr explicit mat3(float d) : column0(d, 0.0f, 0.0f), column1(0.0f, d, 0.0f), column2(0.0f, 0.0f, d) {}
-  constexpr mat3(float a, float b, float c, float d, float e, float f, float g, float h, float i)
-      : column0(a, b, c), column1(d, e, f), column2(g, h, i) {}
   constexpr mat3(vec3 a, vec3 b, vec3 c) : column0(a), column1(b), column2(c) {}
+  constexpr explicit mat3(float d) : column0(d, 0.0f, 0.0f), column1(0.0f, d, 0.0f), column2(0.0f, 0.0f, d) {}
+  constexpr explicit mat3(mat2 m) : column0(m.column0, 0.0f), column1(m.column1, 0.0f), column2(0.0f, 0.0f, 1.0f) {}
+  constexpr explicit mat3(const Components<float>& c)
+      : column0(c.at[0], c.at[1], c.at[2]), column1(c.at[3], c.at[4], c.at[5]), column2(c.at[6], c.at[7], c.at[8]) {}
+  template <class A, class B, class... C>
+  constexpr explicit mat3(A a, B b, C... c) : mat3(Components<float>(a, b, c...)) {}
   constexpr vec3& operator[](int i) { return i <= 0 ? column0 : i == 1 ? column1 : column2; }
   constexpr const vec3& operator[](int i) const { return i <= 0 ? column0 : i == 1 ? column1 : column2; }
+  constexpr explicit operator mat2() const { return {vec2(column0), vec2(column1)}; }
+  constexpr bool operator==(const mat3&) const = default;
 };
+struct mat4 {
+  vec4 column0, column1, column2, column3;
+  mat4() = default;
+  constexpr mat4(vec4 a, vec4 b, vec4 c, vec4 d) : column0(a), column1(b), column2(c), column3(d) {}
+  constexpr explicit mat4(float d)
+      : column0(d, 0.0f, 0.0f, 0.0f), column1(0.0f, d, 0.0f, 0.0f), column2(0.0f, 0.0f, d, 0.0f), column3(0.0f, 0.0f, 0.0f, d) {}
+  constexpr explicit mat4(mat3 m)
+      : column0(m.column0, 0.0f), column1(m.column1, 0.0f), column2(m.column2, 0.0f), column3(0.0f, 0.0f, 0.0f, 1.0f) {}
+  constexpr explicit mat4(mat2 m) : mat4(mat3(m)) {}
+  constexpr explicit mat4(const Components<float>& c)
+      : column0(c.at[0], c.at[1], c.at[2], c.at[3]),
+        column1(c.at[4], c.at[5], c.at[6], c.at[7]),
+        column2(c.at[8], c.at[9], c.at[10], c.at[11]),
+        column3(c.at[12], c.at[13], c.at[14], c.at[15]) {}
+  template <class A, class B, class... C>
+  constexpr explicit mat4(A a, B b, C... c) : mat4(Components<float>(a, b, c...)) {}
+  constexpr vec4& operator[](int i) { return i <= 0 ? column0 : i == 1 ? column1 : i == 2 ? column2 : column3; }
+  constexpr const vec4& operator[](int i) const { return i <= 0 ? column0 : i == 1 ? column1 : i == 2 ? column2 : column3; }
+  constexpr explicit operator mat2() const { return {vec2(column0), vec2(column1)}; }
+  constexpr explicit operator mat3() const { return {vec3(column0), vec3(column1), vec3(column2)}; }
+  constexpr bool operator==(const mat4&) const = default;
+};
+using mat2x2 = mat2;
+using mat3x3 = mat3;
+using mat4x4 = mat4;
+
 constexpr vec2 operator*(mat2 m, vec2 v) { return m.column0 * v.x + m.column1 * v.y; }
-constexpr vec2 operator*(vec2 v, mat2 m) { return {dot(v, m.column0), dot(v, m.column1)}; }
-constexpr mat2 operator*(mat2 a, mat2 b) { return {a * b.column0, a * b.column1}; }
-constexpr mat2 operator*(mat2 m, float s) { return {m.column0 * s, m.column1 * s}; }
-constexpr mat2 operator*(float s, mat2 m) { return m * s; }
-constexpr mat2& operator*=(mat2& a, mat2 b) { return a = a * b; }
-constexpr vec2& operator*=(vec2& v, mat2 m) { return v = v * m; }
 constexpr vec3 operator*(mat3 m, vec3 v) { return m.column0 * v.x + m.column1 * v.y + m.column2 * v.z; }
+constexpr vec4 operator*(mat4 m, vec4 v) { return m.column0 * v.x + m.column1 * v.y + m.column2 * v.z + m.column3 * v.w; }
+constexpr vec2 operator*(vec2 v, mat2 m) { return {dot(v, m.column0), dot(v, m.column1)}; }
 constexpr vec3 operator*(vec3 v, mat3 m) { return {dot(v, m.column0), dot(v, m.column1), dot(v, m.column2)}; }
-constexpr mat3 operator*(mat3 a, mat3 b) { return {a * b.column0, a * b.column1, a * b.column2}; }
-constexpr vec3& operator*=(vec3& v, mat3 m) { return v = v * m; }
+constexpr vec4 operator*(vec4 v, mat4 m) { return {dot(v, m.column0), dot(v, m.column1), dot(v, m.column2), dot(v, m.column3)}; }
+#define RIDGECAST_COLUMNS2(each) \
+  { each(0), each(1) }
+#define RIDGECAST_COLUMNS3(each) \
+  { each(0), each(1), each(2) }
+#define RIDGECAST_COLUMNS4(each) \
+  { each(0), each(1), each(2), each(3) }
+#define RIDGECAST_PRODUCT(k) a* b.column##k
+#define RIDGECAST_SUM(k) a.column##k + b.column##k
+#define RIDGECAST_DIFFERENCE(k) a.column##k - b.column##k
+#define RIDGECAST_QUOTIENT(k) a.column##k / b.column##k
+#define RIDGECAST_EACH_PRODUCT(k) a.column##k* b.column##k
+#define RIDGECAST_NEGATIVE(k) -a.column##k
+#define RIDGECAST_SUM_WITH(k) a.column##k + s
+#define RIDGECAST_DIFFERENCE_WITH(k) a.column##k - s
+#define RIDGECAST_PRODUCT_WITH(k) a.column##k* s
+#define RIDGECAST_QUOTIENT_WITH(k) a.column##k / s
+#define RIDGECAST_DIFFERENCE_FROM(k) s - a.column##k
+#define RIDGECAST_QUOTIENT_OF(k) s / a.column##k
+#define RIDGECAST_MATRIX(matrix, vector, columns)                                                 \
+  constexpr matrix operator*(matrix a, matrix b) { return columns(RIDGECAST_PRODUCT); }           \
+  constexpr matrix operator+(matrix a, matrix b) { return columns(RIDGECAST_SUM); }               \
+  constexpr matrix operator-(matrix a, matrix b) { return columns(RIDGECAST_DIFFERENCE); }        \
+  constexpr matrix operator/(matrix a, matrix b) { return columns(RIDGECAST_QUOTIENT); }          \
+  constexpr matrix matrixCompMult(matrix a, matrix b) { return columns(RIDGECAST_EACH_PRODUCT); } \
+  constexpr matrix operator-(matrix a) { return columns(RIDGECAST_NEGATIVE); }                    \
+  constexpr matrix operator+(matrix a, float s) { return columns(RIDGECAST_SUM_WITH); }           \
+  constexpr matrix operator-(matrix a, float s) { return columns(RIDGECAST_DIFFERENCE_WITH); }    \
+  constexpr matrix operator*(matrix a, float s) { return columns(RIDGECAST_PRODUCT_WITH); }       \
+  constexpr matrix operator/(matrix a, float s) { return columns(RIDGECAST_QUOTIENT_WITH); }      \
+  constexpr matrix operator+(float s, matrix a) { return a + s; }                                 \
+  constexpr matrix operator-(float s, matrix a) { return columns(RIDGECAST_DIFFERENCE_FROM); }    \
+  constexpr matrix operator*(float s, matrix a) { return a * s; }                                 \
+  constexpr matrix operator/(float s, matrix a) { return columns(RIDGECAST_QUOTIENT_OF); }        \
+  constexpr matrix divided(matrix a, matrix b) { return a / b; }                                  \
+  constexpr matrix divided(matrix a, float s) { return a / s; }                                   \
+  constexpr matrix divided(float s, matrix a) { return s / a; }                                   \
+  template <class B>                                                                              \
+  constexpr matrix& operator+=(matrix& a, B b) {                                                  \
+    return a = a + b;                                                                             \
+  }                                                                                               \
+  template <class B>                                                                              \
+  constexpr matrix& operator-=(matrix& a, B b) {                                                  \
+    return a = a - b;                                                                             \
+  }                                                                                               \
+  template <class B>                                                                              \
+  constexpr matrix& operator*=(matrix& a, B b) {                                                  \
+    return a = a * b;                                                                             \
+  }                                                                                               \
+  constexpr matrix& operator/=(matrix& a, float b) { return a = a / b; }                          \
+  constexpr vector& operator*=(vector& v, matrix m) { return v = v * m; }
+RIDGECAST_MATRIX(mat2, vec2, RIDGECAST_COLUMNS2)
+RIDGECAST_MATRIX(mat3, vec3, RIDGECAST_COLUMNS3)
+RIDGECAST_MATRIX(mat4, vec4, RIDGECAST_COLUMNS4)
+#undef RIDGECAST_MATRIX
+constexpr mat2 transpose(mat2 m) { return {{m.column0.x, m.column1.x}, {m.column0.y, m.column1.y}}; }
+constexpr mat3 transpose(mat3 m) {
+  return {{m.column0.x, m.column1.x, m.column2.x}, {m.column0.y, m.column1.y, m.column2.y}, {m.column0.z, m.column1.z, m.column2.z}};
+}
+constexpr mat4 transpose(mat4 m) {
+  return {{m.column0.x, m.column1.x, m.column2.x, m.column3.x},
+          {m.column0.y, m.column1.y, m.column2.y, m.column3.y},
+          {m.column0.z, m.column1.z, m.column2.z, m.column3.z},
+          {m.column0.w, m.column1.w, m.column2.w, m.column3.w}};
+}
+constexpr mat2 outerProduct(vec2 c, vec2 r) { return {c * r.x, c * r.y}; }
+constexpr mat3 outerProduct(vec3 c, vec3 r) { return {c * r.x, c * r.y, c * r.z}; }
+constexpr mat4 outerProduct(vec4 c, vec4 r) { return {c * r.x, c * r.y, c * r.z, c * r.w}; }
+constexpr vec3 cross(vec3 a, vec3 b) { return {a.y * b.z - b.y * a.z, a.z * b.x - b.z * a.x, a.x * b.y - b.x * a.y}; }
+constexpr float determinant(mat2 m) { return m.column0.x * m.column1.y - m.column1.x * m.column0.y; }
+constexpr float determinant(mat3 m) { return dot(m.column0, cross(m.column1, m.column2)); }
+constexpr mat2 inverse(mat2 m) { return mat2({m.column1.y, -m.column0.y}, {-m.column1.x, m.column0.x}) / determinant(m); }
+constexpr mat3 inverse(mat3 m) {
+  return transpose(mat3(cross(m.column1, m.column2), cross(m.column2, m.column0), cross(m.column0, m.column1))) / determinant(m);
+}
+// By the twelve determinants of two rows (Laplace).
+constexpr float minor__(vec4 a, vec4 b, int i, int j) { return a[i] * b[j] - b[i] * a[j]; }
+constexpr float determinant(mat4 m) {
+  const vec4 a = m.column0, b = m.column1, c = m.column2, d = m.column3;
+  return minor__(a, b, 0, 1) * minor__(c, d, 2, 3) - minor__(a, b, 0, 2) * minor__(c, d, 1, 3) + minor__(a, b, 0, 3) * minor__(c, d, 1, 2) +
+         minor__(a, b, 1, 2) * minor__(c, d, 0, 3) - minor__(a, b, 1, 3) * minor__(c, d, 0, 2) + minor__(a, b, 2, 3) * minor__(c, d, 0, 1);
+}
+// Orthogonal to three vectors, by the determinant of each with them.
+constexpr vec4 across__(vec4 a, vec4 b, vec4 c) {
+  const mat4 basis(1.0f);
+  return {determinant(mat4(basis[0], a, b, c)), determinant(mat4(basis[1], a, b, c)), determinant(mat4(basis[2], a, b, c)),
+          determinant(mat4(basis[3], a, b, c))};
+}
+constexpr mat4 inverse(mat4 m) {
+  const vec4 a = m.column0, b = m.column1, c = m.column2, d = m.column3;
+  return transpose(mat4(across__(b, c, d), -across__(a, c, d), across__(a, b, d), -across__(a, b, c))) / determinant(m);
+}
 
 // Functions that graphics cards round differently. Here they are polynomials, so that loops over them become vector code: within a few 1e-7
 // of the true value for ordinary arguments, so pictures differ by millimetres.
@@ -159,6 +410,17 @@ inline float atan(float y, float x) {
 }
 inline float acos(float v) { return atan(sqrt(max(1.0f - v * v, 0.0f)), v); }
 inline float asin(float v) { return atan(v, sqrt(max(1.0f - v * v, 0.0f))); }
+inline float sinh(float v) {
+  const float e = exp(v);
+  return abs(v) < 0.5f ? v + v * v * v * (0.16666667f + v * v * (0.0083333333f + v * v * 0.00019841270f)) : 0.5f * (e - 1.0f / e);
+}
+inline float cosh(float v) {
+  const float e = exp(v);
+  return 0.5f * (e + 1.0f / e);
+}
+inline float asinh(float v) { return sign(v) * log(abs(v) + sqrt(v * v + 1.0f)); }
+inline float acosh(float v) { return log(v + sqrt(v * v - 1.0f)); }
+inline float atanh(float v) { return 0.5f * log((1.0f + v) / (1.0f - v)); }
 inline float tanh(float v) {
   const float e = exp2(clamp(v, -20.0f, 20.0f) * 2.8853901f);
   return (e - 1.0f) / (e + 1.0f);
@@ -184,6 +446,15 @@ RIDGECAST_EACH(degrees)
 RIDGECAST_EACH(sin)
 RIDGECAST_EACH(cos)
 RIDGECAST_EACH(tan)
+RIDGECAST_EACH(asin)
+RIDGECAST_EACH(acos)
+RIDGECAST_EACH(atan)
+RIDGECAST_EACH(sinh)
+RIDGECAST_EACH(cosh)
+RIDGECAST_EACH(tanh)
+RIDGECAST_EACH(asinh)
+RIDGECAST_EACH(acosh)
+RIDGECAST_EACH(atanh)
 RIDGECAST_EACH(exp)
 RIDGECAST_EACH(exp2)
 RIDGECAST_EACH(log)
@@ -201,41 +472,126 @@ RIDGECAST_EACH_TWO(max)
 RIDGECAST_EACH_TWO(mod)
 RIDGECAST_EACH_TWO(pow)
 RIDGECAST_EACH_TWO(step)
+RIDGECAST_EACH_TWO(atan)
 #undef RIDGECAST_EACH_TWO
-inline vec2 step(float e, vec2 v) { return {step(e, v.x), step(e, v.y)}; }
-inline vec3 step(float e, vec3 v) { return {step(e, v.x), step(e, v.y), step(e, v.z)}; }
-inline ivec2 min(ivec2 a, ivec2 b) { return {min(a.x, b.x), min(a.y, b.y)}; }
-inline ivec2 max(ivec2 a, ivec2 b) { return {max(a.x, b.x), max(a.y, b.y)}; }
-inline ivec2 abs(ivec2 v) { return {abs(v.x), abs(v.y)}; }
-inline vec2 clamp(vec2 v, float a, float b) { return {clamp(v.x, a, b), clamp(v.y, a, b)}; }
-inline vec3 clamp(vec3 v, float a, float b) { return {clamp(v.x, a, b), clamp(v.y, a, b), clamp(v.z, a, b)}; }
-inline vec2 clamp(vec2 v, vec2 a, vec2 b) { return {clamp(v.x, a.x, b.x), clamp(v.y, a.y, b.y)}; }
-inline vec3 clamp(vec3 v, vec3 a, vec3 b) { return {clamp(v.x, a.x, b.x), clamp(v.y, a.y, b.y), clamp(v.z, a.z, b.z)}; }
-inline vec2 mix(vec2 a, vec2 b, vec2 t) { return {mix(a.x, b.x, t.x), mix(a.y, b.y, t.y)}; }
-inline vec3 mix(vec3 a, vec3 b, vec3 t) { return {mix(a.x, b.x, t.x), mix(a.y, b.y, t.y), mix(a.z, b.z, t.z)}; }
+inline vec2 step(float e, vec2 v) { return step(vec2(e), v); }
+inline vec3 step(float e, vec3 v) { return step(vec3(e), v); }
+inline vec4 step(float e, vec4 v) { return step(vec4(e), v); }
+#define RIDGECAST_EACH_THREE(name)                                                                                     \
+  inline vec2 name(vec2 a, vec2 b, vec2 c) { return {name(a.x, b.x, c.x), name(a.y, b.y, c.y)}; }                      \
+  inline vec3 name(vec3 a, vec3 b, vec3 c) { return {name(a.x, b.x, c.x), name(a.y, b.y, c.y), name(a.z, b.z, c.z)}; } \
+  inline vec4 name(vec4 a, vec4 b, vec4 c) { return {name(a.x, b.x, c.x), name(a.y, b.y, c.y), name(a.z, b.z, c.z), name(a.w, b.w, c.w)}; }
+RIDGECAST_EACH_THREE(clamp)
+RIDGECAST_EACH_THREE(mix)
+RIDGECAST_EACH_THREE(smoothstep)
+#undef RIDGECAST_EACH_THREE
+inline vec2 clamp(vec2 v, float a, float b) { return clamp(v, vec2(a), vec2(b)); }
+inline vec3 clamp(vec3 v, float a, float b) { return clamp(v, vec3(a), vec3(b)); }
+inline vec4 clamp(vec4 v, float a, float b) { return clamp(v, vec4(a), vec4(b)); }
+inline vec2 smoothstep(float a, float b, vec2 v) { return smoothstep(vec2(a), vec2(b), v); }
+inline vec3 smoothstep(float a, float b, vec3 v) { return smoothstep(vec3(a), vec3(b), v); }
+inline vec4 smoothstep(float a, float b, vec4 v) { return smoothstep(vec4(a), vec4(b), v); }
 inline vec4 mix(vec4 a, vec4 b, float t) { return a * (1.0f - t) + b * t; }
 constexpr float mix(float a, float b, bool t) { return t ? b : a; }
-inline vec2 smoothstep(float a, float b, vec2 v) { return {smoothstep(a, b, v.x), smoothstep(a, b, v.y)}; }
-inline vec2 smoothstep(vec2 a, vec2 b, vec2 v) { return {smoothstep(a.x, b.x, v.x), smoothstep(a.y, b.y, v.y)}; }
-inline vec3 smoothstep(float a, float b, vec3 v) { return {smoothstep(a, b, v.x), smoothstep(a, b, v.y), smoothstep(a, b, v.z)}; }
+constexpr vec2 mix(vec2 a, vec2 b, bvec2 t) { return {t.x ? b.x : a.x, t.y ? b.y : a.y}; }
+constexpr vec3 mix(vec3 a, vec3 b, bvec3 t) { return {t.x ? b.x : a.x, t.y ? b.y : a.y, t.z ? b.z : a.z}; }
+constexpr vec4 mix(vec4 a, vec4 b, bvec4 t) { return {t.x ? b.x : a.x, t.y ? b.y : a.y, t.z ? b.z : a.z, t.w ? b.w : a.w}; }
+
+// Of whole numbers.
+#define RIDGECAST_WHOLE(vec2, vec3, vec4, number)                                                          \
+  inline vec2 min(vec2 a, vec2 b) { return {min(a.x, b.x), min(a.y, b.y)}; }                               \
+  inline vec3 min(vec3 a, vec3 b) { return {min(a.x, b.x), min(a.y, b.y), min(a.z, b.z)}; }                \
+  inline vec4 min(vec4 a, vec4 b) { return {min(a.x, b.x), min(a.y, b.y), min(a.z, b.z), min(a.w, b.w)}; } \
+  inline vec2 max(vec2 a, vec2 b) { return {max(a.x, b.x), max(a.y, b.y)}; }                               \
+  inline vec3 max(vec3 a, vec3 b) { return {max(a.x, b.x), max(a.y, b.y), max(a.z, b.z)}; }                \
+  inline vec4 max(vec4 a, vec4 b) { return {max(a.x, b.x), max(a.y, b.y), max(a.z, b.z), max(a.w, b.w)}; } \
+  inline vec2 min(vec2 a, number b) { return min(a, vec2(b)); }                                            \
+  inline vec3 min(vec3 a, number b) { return min(a, vec3(b)); }                                            \
+  inline vec4 min(vec4 a, number b) { return min(a, vec4(b)); }                                            \
+  inline vec2 max(vec2 a, number b) { return max(a, vec2(b)); }                                            \
+  inline vec3 max(vec3 a, number b) { return max(a, vec3(b)); }                                            \
+  inline vec4 max(vec4 a, number b) { return max(a, vec4(b)); }                                            \
+  inline vec2 clamp(vec2 v, vec2 a, vec2 b) { return min(max(v, a), b); }                                  \
+  inline vec3 clamp(vec3 v, vec3 a, vec3 b) { return min(max(v, a), b); }                                  \
+  inline vec4 clamp(vec4 v, vec4 a, vec4 b) { return min(max(v, a), b); }                                  \
+  inline vec2 clamp(vec2 v, number a, number b) { return min(max(v, a), b); }                              \
+  inline vec3 clamp(vec3 v, number a, number b) { return min(max(v, a), b); }                              \
+  inline vec4 clamp(vec4 v, number a, number b) { return min(max(v, a), b); }
+RIDGECAST_WHOLE(ivec2, ivec3, ivec4, int)
+RIDGECAST_WHOLE(uvec2, uvec3, uvec4, uint)
+#undef RIDGECAST_WHOLE
+inline ivec2 abs(ivec2 v) { return {abs(v.x), abs(v.y)}; }
+inline ivec3 abs(ivec3 v) { return {abs(v.x), abs(v.y), abs(v.z)}; }
+inline ivec4 abs(ivec4 v) { return {abs(v.x), abs(v.y), abs(v.z), abs(v.w)}; }
+inline ivec2 sign(ivec2 v) { return {sign(v.x), sign(v.y)}; }
+inline ivec3 sign(ivec3 v) { return {sign(v.x), sign(v.y), sign(v.z)}; }
+inline ivec4 sign(ivec4 v) { return {sign(v.x), sign(v.y), sign(v.z), sign(v.w)}; }
+#define RIDGECAST_BITS(name, From, To)                                                   \
+  inline Vector2<To> name(Vector2<From> v) { return {name(v.x), name(v.y)}; }            \
+  inline Vector3<To> name(Vector3<From> v) { return {name(v.x), name(v.y), name(v.z)}; } \
+  inline Vector4<To> name(Vector4<From> v) { return {name(v.x), name(v.y), name(v.z), name(v.w)}; }
+RIDGECAST_BITS(floatBitsToUint, float, uint)
+RIDGECAST_BITS(floatBitsToInt, float, int)
+RIDGECAST_BITS(uintBitsToFloat, uint, float)
+RIDGECAST_BITS(intBitsToFloat, int, float)
+inline bool isnan(float v) { return v != v; }
+inline bool isinf(float v) { return abs(v) > 3.4028234e38f; }
+RIDGECAST_BITS(isnan, float, bool)
+RIDGECAST_BITS(isinf, float, bool)
+#undef RIDGECAST_BITS
+
 inline float length(float v) { return abs(v); }
 inline float length(vec2 v) { return sqrt(dot(v, v)); }
 inline float length(vec3 v) { return sqrt(dot(v, v)); }
 inline float length(vec4 v) { return sqrt(dot(v, v)); }
-inline float distance(vec2 a, vec2 b) { return length(a - b); }
-inline float distance(vec3 a, vec3 b) { return length(a - b); }
+inline float dot(float a, float b) { return a * b; }
+inline float normalize(float v) { return sign(v); }
 inline vec2 normalize(vec2 v) { return v * inversesqrt(dot(v, v)); }
 inline vec3 normalize(vec3 v) { return v * inversesqrt(dot(v, v)); }
-inline vec3 cross(vec3 a, vec3 b) { return {a.y * b.z - b.y * a.z, a.z * b.x - b.z * a.x, a.x * b.y - b.x * a.y}; }
-inline vec2 reflect(vec2 v, vec2 n) { return v - n * (2.0f * dot(n, v)); }
-inline vec3 reflect(vec3 v, vec3 n) { return v - n * (2.0f * dot(n, v)); }
-inline bool isnan(float v) { return v != v; }
-inline bool isinf(float v) { return abs(v) > 3.4e38f; }
-inline bvec2 lessThan(vec2 a, vec2 b) { return {a.x < b.x, a.y < b.y}; }
-inline bvec2 greaterThan(vec2 a, vec2 b) { return {a.x > b.x, a.y > b.y}; }
-inline bvec3 lessThan(vec3 a, vec3 b) { return {a.x < b.x, a.y < b.y, a.z < b.z}; }
-inline bvec3 greaterThan(vec3 a, vec3 b) { return {a.x > b.x, a.y > b.y, a.z > b.z}; }
+inline vec4 normalize(vec4 v) { return v * inversesqrt(dot(v, v)); }
+#define RIDGECAST_GEOMETRY(vec)                                                             \
+  inline float distance(vec a, vec b) { return length(a - b); }                             \
+  inline vec faceforward(vec n, vec v, vec other) { return dot(other, v) < 0.0f ? n : -n; } \
+  inline vec reflect(vec v, vec n) { return v - n * (2.0f * dot(n, v)); }                   \
+  inline vec refract(vec v, vec n, float eta) {                                             \
+    const float d = dot(n, v), k = 1.0f - eta * eta * (1.0f - d * d);                       \
+    return k < 0.0f ? vec(0.0f) : v * eta - n * (eta * d + sqrt(max(k, 0.0f)));             \
+  }                                                                                         \
+  inline vec modf(vec v, vec& whole) {                                                      \
+    whole = trunc(v);                                                                       \
+    return v - whole;                                                                       \
+  }
+RIDGECAST_GEOMETRY(float)
+RIDGECAST_GEOMETRY(vec2)
+RIDGECAST_GEOMETRY(vec3)
+RIDGECAST_GEOMETRY(vec4)
+#undef RIDGECAST_GEOMETRY
+#define RIDGECAST_COMPARE(name, op)                          \
+  template <class T>                                         \
+  constexpr bvec2 name(Vector2<T> a, Vector2<T> b) {         \
+    return {a.x op b.x, a.y op b.y};                         \
+  }                                                          \
+  template <class T>                                         \
+  constexpr bvec3 name(Vector3<T> a, Vector3<T> b) {         \
+    return {a.x op b.x, a.y op b.y, a.z op b.z};             \
+  }                                                          \
+  template <class T>                                         \
+  constexpr bvec4 name(Vector4<T> a, Vector4<T> b) {         \
+    return {a.x op b.x, a.y op b.y, a.z op b.z, a.w op b.w}; \
+  }
+RIDGECAST_COMPARE(lessThan, <)
+RIDGECAST_COMPARE(lessThanEqual, <=)
+RIDGECAST_COMPARE(greaterThan, >)
+RIDGECAST_COMPARE(greaterThanEqual, >=)
+RIDGECAST_COMPARE(equal, ==)
+RIDGECAST_COMPARE(notEqual, !=)
+#undef RIDGECAST_COMPARE
 constexpr bool any(bvec2 v) { return v.x || v.y; }
 constexpr bool any(bvec3 v) { return v.x || v.y || v.z; }
+constexpr bool any(bvec4 v) { return v.x || v.y || v.z || v.w; }
 constexpr bool all(bvec2 v) { return v.x && v.y; }
 constexpr bool all(bvec3 v) { return v.x && v.y && v.z; }
+constexpr bool all(bvec4 v) { return v.x && v.y && v.z && v.w; }
+constexpr bvec2 claimed__not(bvec2 v) { return {!v.x, !v.y}; }
+constexpr bvec3 claimed__not(bvec3 v) { return {!v.x, !v.y, !v.z}; }
+constexpr bvec4 claimed__not(bvec4 v) { return {!v.x, !v.y, !v.z, !v.w}; }

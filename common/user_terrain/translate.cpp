@@ -19,11 +19,15 @@ constexpr std::size_t kMostTokens = 60'000;  // of the translation; loops that w
 constexpr std::string_view kClaimed =
     " alignas alignof and and_eq auto bitand bitor catch char char16_t char32_t char8_t co_await co_return co_yield compl "
     "concept const_cast consteval constexpr constinit decltype delete dynamic_cast explicit export friend mutable new "
-    "noexcept not_eq nullptr operator or or_eq private protected register reinterpret_cast requires signed static_assert "
+    "noexcept not not_eq nullptr operator or or_eq private protected register reinterpret_cast requires signed static_assert "
     "static_cast thread_local throw try typeid typename virtual wchar_t xor ";
 
-constexpr std::array<std::string_view, 18> kTypes = {"float", "int",   "uint",  "bool",  "vec2",  "vec3",  "vec4",  "ivec2", "ivec3",
-                                                     "ivec4", "uvec2", "uvec3", "uvec4", "bvec2", "bvec3", "bvec4", "mat2",  "mat3"};
+constexpr std::array<std::string_view, 22> kTypes = {"float", "int",   "uint",  "bool",   "vec2",   "vec3",  "vec4",  "ivec2",
+                                                     "ivec3", "ivec4", "uvec2", "uvec3",  "uvec4",  "bvec2", "bvec3", "bvec4",
+                                                     "mat2",  "mat3",  "mat4",  "mat2x2", "mat3x3", "mat4x4"};
+// Of what a picture has around a pixel, or a texture.
+constexpr std::array<std::string_view, 4> kOfPictures = {"gl_", "dFd", "fwidth", "texture"};
+constexpr std::array<std::string_view, 6> kOblong = {"mat2x3", "mat2x4", "mat3x2", "mat3x4", "mat4x2", "mat4x3"};
 
 bool isAssignment(const std::string& t) {
   return t == "=" || t == "+=" || t == "-=" || t == "*=" || t == "/=" || t == "%=" || t == "&=" || t == "|=" || t == "^=" || t == "<<=" ||
@@ -63,7 +67,12 @@ class Translator {
                      std::to_string(static_cast<long long>(std::min(size, 1e15))) + " words long; it calls too much: write it shorter"};
     for (const TopLevel& item : items_) {
       if (std::ranges::none_of(item.names, [&](const std::string& n) { return wanted_.contains(n); })) continue;
-      if (item.what == TopLevel::What::kFunction || item.what == TopLevel::What::kPrototype) {
+      if (item.what == TopLevel::What::kStruct) {
+        const std::size_t close = item.end - 2;
+        emit(item.begin, close);
+        put(close, "bool operator==(const " + renamed(item.names[0]) + "&) const = default;");
+        emit(close, item.end);
+      } else if (item.what == TopLevel::What::kFunction || item.what == TopLevel::What::kPrototype) {
         emit(item.begin, item.parameters);
         parameters(item);
         emit(closing(tokens_, item.parameters), item.end);
@@ -92,6 +101,8 @@ class Translator {
       for (std::size_t i = item.begin + 3; i < item.end; ++i)
         if (isName(i) && (is(i + 1, ";") || is(i + 1, ",") || is(i + 1, "["))) members_.insert(tokens_[i].text);
     }
+    for (const TopLevel& item : items_)
+      if (item.what == TopLevel::What::kFunction) writes(item);
     std::vector<std::string> ask{"terrainHeight"};
     if (out_.colours) ask.push_back("terrainColor");
     while (!ask.empty()) {
@@ -104,6 +115,27 @@ class Translator {
           if (isName(i)) ask.push_back(tokens_[i].text);
         ask.insert(ask.end(), item.names.begin(), item.names.end());
       }
+    }
+  }
+
+  // Ends of the elements between two brackets.
+  std::vector<std::size_t> elements(std::size_t open, std::size_t close) const {
+    std::vector<std::size_t> ends;
+    for (std::size_t i = open + 1; i < close; i = is(i, "(") || is(i, "[") || is(i, "{") ? closing(tokens_, i) + 1 : i + 1)
+      if (is(i, ",")) ends.push_back(i);
+    if (close > open + 1) ends.push_back(close);
+    return ends;
+  }
+
+  // Which arguments functions of this name write.
+  void writes(const TopLevel& f) {
+    std::vector<bool>& written = written_[f.names[0]];
+    std::size_t begin = f.parameters + 1, k = 0;
+    for (const std::size_t end : elements(f.parameters, closing(tokens_, f.parameters))) {
+      written.resize(std::max(written.size(), k + 1));
+      for (std::size_t i = begin; i < end; ++i)
+        if (is(i, "out") || is(i, "inout")) written[k] = true;
+      begin = end + 1, ++k;
     }
   }
 
@@ -167,7 +199,7 @@ class Translator {
       const std::size_t last = closing(tokens_, name);
       put(i, "Array__<" + tokens_[i].text + ",");
       if (close == open + 1)
-        put(i, std::to_string(elements(name, last)));
+        put(i, std::to_string(elements(name, last).size()));
       else
         emit(open + 1, close);
       put(i, ">{");
@@ -185,12 +217,6 @@ class Translator {
     if (byReference) put(i, "&");
     if (isName(name)) put(name, renamed(tokens_[name].text));
     return after;
-  }
-
-  std::size_t elements(std::size_t open, std::size_t close) const {
-    std::size_t n = close > open + 1 ? 1 : 0;
-    for (std::size_t i = open + 1; i < close; i = is(i, "(") || is(i, "[") || is(i, "{") ? closing(tokens_, i) + 1 : i + 1) n += is(i, ",");
-    return n;
   }
 
   std::string renamed(const std::string& name) const {
@@ -309,14 +335,62 @@ class Translator {
         condition(i, i + 2, close);
         put(i, ")");
         i = close;
-      } else if (t.text == "discard" || t.text.starts_with("gl_")) {
+      } else if (t.text == "discard" || std::ranges::any_of(kOfPictures, [&](auto name) { return t.text.starts_with(name); })) {
         refuse(i, "'" + t.text + "' belongs to pictures: a height depends on its arguments alone");
+      } else if (std::ranges::find(kOblong, t.text) != kOblong.end()) {
+        refuse(i, "heights have square matrices only, no '" + t.text + "'; write it with vectors");
       } else if (isType(i) && i + 1 < end && !is(i + 1, "(")) {
         i = declared(i, false) - 1;
       } else {
+        if (is(i + 1, "(")) hand(i);
         put(i, renamed(t.text));
       }
     }
+  }
+
+  // Several components that a call writes: the function has a copy of them, which goes back at the end of the statement.
+  void hand(std::size_t call) {
+    const auto written = written_.find(tokens_[call].text);
+    if (written == written_.end()) return;
+    const std::size_t close = closing(tokens_, call + 1);
+    const bool isStatement = call > 0 &&
+                             (is(call - 1, ";") || is(call - 1, "{") || is(call - 1, "}") || is(call - 1, ")") || is(call - 1, "else")) &&
+                             is(close + 1, ";");
+    std::size_t k = 0;
+    for (const std::size_t end : elements(call + 1, close)) {
+      if (k < written->second.size() && written->second[k] && is(end - 2, ".") && selected(end - 2).size() > 1) {
+        handed_.insert(end - 2);
+        if (!isStatement)
+          refuse(end - 2, "where a call's result is used it cannot write several components (." + tokens_[end - 1].text +
+                              "); give it a variable of its own");
+      }
+      ++k;
+    }
+  }
+
+  // Of `.xz` at a dot, and of `.xyz.xz` as one; empty: it selects no components.
+  std::vector<int> selected(std::size_t dot) const {
+    if (!isName(dot + 1) || members_.contains(tokens_[dot + 1].text)) return {};
+    return swizzle(tokens_[dot + 1].text).value_or(std::vector<int>());
+  }
+
+  // Whether the components that are selected up to `after` are assigned to, they or one of them: p.xz *= m, p.xz[0] = 1.0.
+  bool areAssigned(std::size_t dot, std::size_t after) const {
+    while (is(after, "[")) after = closing(tokens_, after) + 1;
+    if (after < tokens_.size() && isAssignment(tokens_[after].text)) return true;
+    std::size_t begin = dot;  // of a.b[i].xz
+    while (begin > 0 && (isName(begin - 1) || is(begin - 1, ".") || is(begin - 1, "]")))
+      begin = is(begin - 1, "]") ? opening(begin - 1) : begin - 1;
+    return begin > 0 && (is(begin - 1, "++") || is(begin - 1, "--"));
+  }
+  std::size_t opening(std::size_t close) const {
+    std::size_t depth = 1;
+    while (close > 0 && depth > 0) {
+      --close;
+      depth += is(close, "]") ? 1u : 0u;
+      depth -= is(close, "[") ? 1u : 0u;
+    }
+    return close;
   }
 
   // Operators and component selection. Returns the index of the last token it consumed.
@@ -334,32 +408,44 @@ class Translator {
       put(i, "/= remAssigned__ =");
     } else if (t == "^^") {
       refuse(i, "the operator ^^ is not available for heights; for two bools a ^^ b is a != b");
-    } else if (t == "." && isName(i + 1) && !members_.contains(tokens_[i + 1].text)) {
-      const auto parts = swizzle(tokens_[i + 1].text);
-      if (!parts) {
-        put(i, ".");
-        return i;
-      }
-      if (parts->size() == 1) {
-        put(i, std::string(".") + "xyzw"[(*parts)[0]]);
-      } else {
-        if (i + 2 < tokens_.size() && isAssignment(tokens_[i + 2].text))
-          refuse(i, "heights cannot assign to several components at once (." + tokens_[i + 1].text + "); assign them one by one");
-        std::string text = ".swizzle<";
-        for (const int k : *parts) text.append(text.ends_with('<') ? "" : ",").append(std::to_string(k));
-        put(i, text + ">()");
-      }
-      return i + 1;
+    } else if (t == ".") {
+      return selection(i);
     } else {
       put(i, t);
     }
     return i;
   }
 
+  std::size_t selection(std::size_t dot) {
+    std::vector<int> parts = selected(dot);
+    if (parts.empty()) {
+      put(dot, ".");
+      return dot;
+    }
+    std::size_t last = dot + 1;
+    bool isHanded = handed_.contains(dot);
+    for (std::vector<int> next; parts.size() > 1 && is(last + 1, ".") && !(next = selected(last + 1)).empty(); last += 2) {
+      isHanded |= handed_.contains(last + 1);
+      std::vector<int> both;
+      for (const int k : next) both.push_back(parts[std::min(static_cast<std::size_t>(k), parts.size() - 1)]);
+      parts = std::move(both);
+    }
+    if (parts.size() == 1) {
+      put(dot, std::string(".") + "xyzw"[parts[0]]);
+      return last;
+    }
+    std::string text = isHanded ? ".handed<" : areAssigned(dot, last + 1) ? ".assigned<" : ".swizzle<";
+    for (const int k : parts) text.append(text.ends_with('<') ? "" : ",").append(std::to_string(k));
+    put(dot, text + ">()");
+    return last;
+  }
+
   std::string_view file_;
   const std::vector<Token>& tokens_;
   const std::vector<TopLevel>& items_;
   std::set<std::string> structs_{"Place", "Corners"}, members_{"cell", "at", "slope", "height", "h00", "h10", "h01", "h11"}, wanted_;
+  std::map<std::string, std::vector<bool>> written_{{"modf", {false, true}}};
+  std::set<std::size_t> handed_;  // dots
   std::map<std::string, double> sizes_;
   Translation out_;
   std::size_t line_ = 0, emitted_ = 0;

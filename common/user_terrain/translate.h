@@ -24,7 +24,7 @@ struct Translation {
 
 inline constexpr std::string_view kPersonsFile = "terrain.glsl";
 
-// Error: something that heights do not support, such as assigning to several components at once; one line for each (complaints.h).
+// Error: something that heights do not support, such as derivatives; one line for each (complaints.h).
 Outcome<Translation> translate(std::string_view file, const std::vector<Token>& tokens, const std::vector<TopLevel>& items,
                                bool colours = false);
 
