@@ -90,6 +90,13 @@ std::optional<terrain::GridPlace> Grid::at(double longitude, double latitude) co
   return terrain::GridPlace{out.xy.x * projection_->unit, out.xy.y * projection_->unit};
 }
 
+std::optional<std::array<double, 2>> Grid::degrees(const terrain::GridPlace& at) const {
+  const double unit = projection_->unit;
+  const PJ_COORD out = proj_trans(projection_->degrees.get(), PJ_FWD, proj_coord(at.easting / unit, at.northing / unit, 0, HUGE_VAL));
+  if (!std::isfinite(out.xy.x) || !std::isfinite(out.xy.y)) return std::nullopt;
+  return std::array{out.xy.x, out.xy.y};
+}
+
 std::optional<Place> placeOf(std::string_view text) {
   std::array<double, 3> n{};
   for (std::size_t k = 0; k < n.size() && (k < 2 || !text.empty()); ++k) {

@@ -55,6 +55,7 @@ class Grid {
   // Metres of EPSG:4978, and from degrees; empty: there is no such place.
   std::optional<std::array<double, 3>> onEarth(const terrain::GridPlace& at) const;
   std::optional<terrain::GridPlace> at(double longitude, double latitude) const;
+  std::optional<std::array<double, 2>> degrees(const terrain::GridPlace& at) const;  // longitude, latitude
 
  private:
   struct Projection;

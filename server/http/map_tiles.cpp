@@ -25,6 +25,7 @@ constexpr char kSayAt[] = "Say at=LON,LAT, where the world's origin lies, in deg
 struct Wanted {
   std::string session;
   bool colours = false;
+  bool isList = false;                   // tiles.json
   std::optional<map::TileAddress> tile;  // empty: there is no such tile
 };
 
@@ -37,6 +38,7 @@ std::optional<Wanted> readPath(std::string_view path) {
   const std::string_view kind = text::takePart(path, '/');
   if (kind != "heights" && kind != "colours") return std::nullopt;
   out.colours = kind == "colours";
+  out.isList = path == "tiles.json";
   const auto level = text::number<int>(text::takePart(path, '/'));
   const auto x = text::number<std::uint32_t>(text::takePart(path, '/'));
   const std::string_view ending = out.colours ? ".jpg" : ".png";
@@ -66,6 +68,16 @@ Outcome<Placing> readQuery(std::string_view query) {
     return Error{"Say at=LON,LAT, where the world's origin lies, in degrees: longitude within 180, latitude within 85."};
   out.at = map::Place{*longitude, *latitude};
   return out;
+}
+
+Outcome<std::string> handedOn(std::string_view query) {
+  std::string out;
+  for (const char* name : {"at", "beyond"}) {
+    const auto value = queryParameter(query, name);
+    if (!value) return value.error();
+    if (!value->empty()) out.append(out.empty() ? "?" : "&").append(name).append("=").append(*value);
+  }
+  return {boost::system::in_place_value, std::move(out)};
 }
 
 Answer heightsOf(const terrain::Terrain& terrain, const map::Sheet& sheet, const std::stop_token& stop) {
@@ -111,9 +123,38 @@ Answer tileOf(const terrain::Terrain& terrain, const Wanted& wanted, const Placi
   if (!asked.at && !earth::Grid::of(map->origin().crs, *grid)) return openRefusal(400, kSayAt);
   const auto sheet = asked.at ? std::optional(map::sheetOf(*wanted.tile, *asked.at, map)) : map::sheetOf(*wanted.tile, *map);
   const terrain::Raster* const samples = terrain.raster();
-  if (asked.emptyBeyond && (!sheet || (samples && map::isBeside(*sheet, samples->shape())))) return opened({.status = 204});
+  if (asked.emptyBeyond && (!sheet || (samples && map::isBeside(*sheet, samples->shape())))) {
+    Answer empty;
+    empty.status = 204;
+    return opened(std::move(empty));
+  }
   if (!sheet) return openRefusal(404, "The CRS of this map does not reach this tile: ask for a finer one, or say at=LON,LAT.");
   return wanted.colours ? coloursOf(terrain, *sheet, stop) : heightsOf(terrain, *sheet, stop);
+}
+
+// TileJSON 3.0.0, with what MapLibre reads of it beyond. `folder`: of the tiles, an absolute address.
+Answer listOf(const session::Ground& ground, const std::string& name, bool colours, const Placing& asked, const terrain::Raster* map,
+              const std::string& folder, const std::string& query) {
+  const auto bounds = map ? map::boundsOf(*map, asked.at) : std::optional(map::Bounds());
+  if (!bounds) return openRefusal(400, kSayAt);
+  const auto [west, south, east, north] = *bounds;
+  const map::Place middle = asked.at.value_or(map::Place{(west + east) / 2, (south + north) / 2});
+  // Colours may be finer than the samples: a picture's.
+  const int finest = map && !colours ? map::finestLevelOf(map->shape(), middle.latitude) : map::kFinestTileLevel;
+  const auto list = [](std::initializer_list<double> numbers) {
+    std::string out;
+    for (const double v : numbers) out.append(out.empty() ? "[" : ", ").append(text::rounded(v, 10));
+    return out + "]";
+  };
+  std::string body =
+      "{\n  \"tilejson\": \"3.0.0\",\n  \"name\": \"" + name + (colours ? " colours" : " heights") + "\",\n  \"tiles\": [\"" + folder +
+      "{z}/{x}/{y}" + (colours ? ".jpg" : ".png") + query + "\"],\n  \"minzoom\": 0,\n  \"maxzoom\": " + std::to_string(finest) +
+      ",\n  \"bounds\": " + list({west, south, east, north}) +
+      ",\n  \"center\": " + list({middle.longitude, middle.latitude, std::min<double>(finest, 12)}) + ",\n  \"tileSize\": 256";
+  if (!colours) body += ",\n  \"encoding\": \"terrarium\"";
+  Answer a = opened(json(body + "\n}\n"));
+  a.headers.emplace_back(kEditHeader, std::to_string(ground.edit));
+  return a;
 }
 
 std::optional<Answer> answerTile(const Request& request, const session::Directory& directory) {
@@ -123,8 +164,8 @@ std::optional<Answer> answerTile(const Request& request, const session::Director
   if (!request.reads()) return openWrongMethod();
   const auto session = directory.find(wanted->session);
   if (!session) return opened(noSession(wanted->session, directory));
-  if (!wanted->tile)
-    return openRefusal(404, "There is no such tile: heights/Z/X/Y.png or colours/Z/X/Y.jpg, Z from 0 to " +
+  if (!wanted->tile && !wanted->isList)
+    return openRefusal(404, "There is no such tile: tiles.json, heights/Z/X/Y.png or colours/Z/X/Y.jpg, Z from 0 to " +
                                 std::to_string(map::kFinestTileLevel) + ", X and Y below 2^Z.");
   const auto asked = readQuery(request.query());
   if (!asked) return openRefusal(400, asked.error().message);
@@ -135,6 +176,17 @@ std::optional<Answer> answerTile(const Request& request, const session::Director
   const terrain::Raster* const map =
       session->resources().limits.sendsTerrain ? samples : nullptr;  // a private one does not say where it lies
   if (!asked->at && !(map && terrain::onGrid(*map, {}))) return openRefusal(400, kSayAt);
+  if (wanted->isList) {
+    if (request.host.empty() || !text::hasOnly(request.host, ".:-[]"))
+      return openRefusal(400, "Send a Host header: the tiles' addresses are made of it.");
+    const auto query = handedOn(request.query());
+    if (!query) return openRefusal(400, query.error().message);
+    const std::string folder = std::string(request.isSecure ? "https://" : "http://") + std::string(request.host) +
+                               std::string(kTilesPrefix) + wanted->session + (wanted->colours ? "/colours/" : "/heights/");
+    return opened(madeBy({.isTile = true,
+                          .work = [=, name = wanted->session, colours = wanted->colours, asked = *asked, query = *query](
+                                      const std::stop_token&) { return listOf(ground, name, colours, asked, map, folder, query); }}));
+  }
   const std::string etag = etagOf(session->hashOf(ground), *wanted, *asked, map);
   Answer a = opened(madeBy({.isTile = true, .work = [ground, wanted = *wanted, asked = *asked, map, etag](const std::stop_token& stop) {
                               Answer made = tileOf(*ground.terrain, wanted, asked, map, stop);

@@ -140,7 +140,10 @@ std::string routeOf(std::string_view path) {
     path.remove_prefix(sessions.size());
     text::takePart(path, '/');
     for (const std::string_view tiles : {"heights/", "colours/"})
-      if (path.starts_with(tiles)) return std::string(sessions) + "{session}/" + std::string(tiles) + "{z}/{x}/{y}";
+      if (path.starts_with(tiles) && path.substr(tiles.size()) == "tiles.json")
+        return std::string(sessions) + "{session}/" + std::string(path);
+      else if (path.starts_with(tiles))
+        return std::string(sessions) + "{session}/" + std::string(tiles) + "{z}/{x}/{y}";
   }
   return "other";
 }

@@ -35,6 +35,7 @@ struct Request {  // the views live while the request is answered, not in later 
   std::string_view method;
   std::string_view target;  // path and query
   std::string_view host;    // the Host header; untrusted
+  bool isSecure = false;    // by TLS, to this server or to a trusted proxy
   bool upgrade = false;     // asks for a WebSocket
   std::string_view webSocketVersion;
   std::string_view acceptEncoding;

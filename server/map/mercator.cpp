@@ -78,6 +78,56 @@ std::optional<Sheet> sheetOf(const TileAddress& tile, const terrain::Raster& map
   return out;
 }
 
+std::optional<Bounds> boundsOf(const terrain::Raster& map, const std::optional<Place>& origin) {
+  constexpr std::int64_t kParts = 16;  // of a side, which may be bent
+  const auto grid = origin ? std::nullopt : terrain::onGrid(map, {});
+  const earth::Grid* const projection = grid ? earth::Grid::of(map.origin().crs, *grid) : nullptr;
+  if (!origin && !projection) return std::nullopt;
+  const auto turn = origin ? earth::turnOf(map, {}).value_or(earth::Turn()) : earth::Turn();
+  const auto degrees = [&](double x, double z) -> std::optional<std::array<double, 2>> {  // metres from the origin
+    if (projection) return projection->degrees({grid->easting + x, grid->northing - z});
+    const double east = turn.cosine * x + turn.sine * z, south = turn.cosine * z - turn.sine * x;
+    const double latitude = origin->latitude * kRadians, scale = kRadius * std::cos(latitude);
+    return std::array{origin->longitude + east / scale / kRadians,
+                      std::atan(std::sinh(std::asinh(std::tan(latitude)) - south / scale)) / kRadians};
+  };
+  const Bounds all;
+  Bounds out{all.east, all.north, all.west, all.south};
+  double before = 0;
+  bool isCrossed = false;
+  const terrain::RasterShape& shape = map.shape();
+  const auto along = [](const terrain::RasterAxis& axis, std::uint32_t samples, std::int64_t part) {
+    return lattice::metres(axis.of(std::int64_t{samples - 1} * part / kParts));
+  };
+  for (std::int64_t k = 0; k <= 4 * kParts; ++k) {  // once around
+    const std::int64_t part = k % kParts, side = k / kParts % 4;
+    const auto place = degrees(along(shape.x, shape.width,
+                                     side == 0   ? part
+                                     : side == 1 ? kParts
+                                     : side == 2 ? kParts - part
+                                                 : 0),
+                               along(shape.z, shape.height,
+                                     side == 0   ? 0
+                                     : side == 1 ? part
+                                     : side == 2 ? kParts
+                                                 : kParts - part));
+    if (!place) return all;
+    const auto [longitude, latitude] = *place;
+    isCrossed |= std::abs(longitude) > 180 || (k > 0 && std::abs(longitude - before) > 180);
+    before = longitude;
+    out = {std::min(out.west, longitude), std::min(out.south, latitude), std::max(out.east, longitude), std::max(out.north, latitude)};
+  }
+  if (isCrossed) out.west = all.west, out.east = all.east;
+  out.south = std::max(out.south, all.south);
+  out.north = std::min(out.north, all.north);
+  return out;
+}
+
+int finestLevelOf(const terrain::RasterShape& map, double latitude) {
+  const double pixel = 2 * std::numbers::pi * kRadius * std::cos(latitude * kRadians) / kTilePixels;  // of level 0, metres
+  return std::clamp(static_cast<int>(std::ceil(std::log2(pixel / std::min(map.x.metres(), map.z.metres())))), 0, kFinestTileLevel);
+}
+
 bool isBeside(const Sheet& sheet, const terrain::RasterShape& map) {
   double west = sheet.x, east = west + sheet.columns * sheet.pitchX, north = sheet.z, south = north + sheet.rows * sheet.pitchZ;
   if (!sheet.nodes.empty()) {

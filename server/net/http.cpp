@@ -78,6 +78,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
     stream_.expires_after(timeout());
     stream_.startTls(std::move(tls), Channel::Done([self = shared_from_this()](error_code ec, std::size_t) {
                        self->clear_ = ec == asio::error::no_protocol_option;
+                       self->hasTls_ = !ec;
                        if (!ec) self->shared_->figures->tlsHandshakes.Increment();
                        if (!ec || self->clear_) return self->read();
                        self->shared_->figures->refused(metrics::Refusal::kTls);
@@ -126,6 +127,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
         return refuseAddress();
       }
     }
+    request.isSecure = hasTls_ || (client != peer_ && header["X-Forwarded-Proto"] == "https");
     auto judged = shared_->filter.judge(request);
     const auto* grant = std::get_if<access::Grant>(&judged);
     who_ = counted_.client(grant ? *grant : access::Grant());
@@ -428,7 +430,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   const access::Address peer_;
   std::string peerName_;  // behind a trusted proxy: its client's name
   Channel stream_;
-  bool clear_ = false;  // plain text on a port that speaks TLS
+  bool hasTls_ = false, clear_ = false;  // clear: plain text on a port that speaks TLS
   Counted counted_;
   const std::shared_ptr<Shared> shared_;
   beast::flat_buffer buffer_;

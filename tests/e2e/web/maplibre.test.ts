@@ -29,7 +29,7 @@ async function serve(server: Server): Promise<{ url: string; failed: string[]; t
   const page = createServer((asked, answer) => {
     const path = (asked.url ?? '/').split('?')[0]!;
     if (path.startsWith('/v1/')) {
-      const onward = request(`${server.http}${asked.url}`, { method: asked.method }, (made) => {
+      const onward = request(`${server.http}${asked.url}`, { method: asked.method, headers: { host: asked.headers.host } }, (made) => {
         if (made.statusCode === 200) ++state.tiles;
         else state.failed.push(`${made.statusCode} ${asked.url}`);
         answer.writeHead(made.statusCode ?? 502, made.headers);

@@ -4,8 +4,8 @@ import 'maplibre-gl/dist/maplibre-gl.css';
 
 const wanted = new URLSearchParams(location.search);
 const at = (wanted.get('at') ?? '11.39,47.27').split(',').map(Number);
-const tiles = (kind, ending) => [`${location.origin}/v1/sessions/${wanted.get('session') ?? 'default'}/${kind}/{z}/{x}/{y}.${ending}?at=${at}`];
-const heights = { type: 'raster-dem', encoding: 'terrarium', tiles: tiles('heights', 'png'), tileSize: 256, maxzoom: 18 };
+const list = (kind) => `${location.origin}/v1/sessions/${wanted.get('session') ?? 'default'}/${kind}/tiles.json?at=${at}`;
+const heights = { type: 'raster-dem', url: list('heights'), tileSize: 256 };
 
 const map = new maplibregl.Map({
   container: 'map',
@@ -21,7 +21,7 @@ const map = new maplibregl.Map({
     sources: {
       ground: heights,
       relief: heights, // hillshade wants a source of its own
-      colours: { type: 'raster', tiles: tiles('colours', 'jpg'), tileSize: 256, maxzoom: 20 },
+      colours: { type: 'raster', url: list('colours'), tileSize: 256 },
     },
     layers: [
       { id: 'colours', type: 'raster', source: 'colours' },

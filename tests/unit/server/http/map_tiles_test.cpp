@@ -114,8 +114,50 @@ TEST_F(MapTilesTest, AMapThatSaysWhereItLiesLiesThere) {
   EXPECT_EQ(statusOf("/v1/sessions/default/heights/3/6/3.png?beyond=empty"), 204u);
   EXPECT_EQ(statusOf("/v1/sessions/default/heights/3/6/3.png"), 404u) << "UTM ends somewhere";
   EXPECT_EQ(ask(route, here + "?beyond=all")->status, 400u);
+  Request list;
+  list.method = "GET";
+  list.target = "/v1/sessions/default/heights/tiles.json";
+  list.host = "localhost";
+  EXPECT_THAT(route(list)->later->work({}).body, testing::AllOf(HasSubstr("/heights/{z}/{x}/{y}.png\"]"), HasSubstr("\"maxzoom\": 14,"),
+                                                                HasSubstr("\"bounds\": [12.9"), HasSubstr(", 12.97828718, ")));
   EXPECT_NE(ask(route, here)->etag, ask(route, here + "?at=12.9,47.2")->etag);
   EXPECT_THAT(ask("/v1/sessions/default/heights/14/8782/5741.png")->body, HasSubstr("Say at=LON,LAT"));
+}
+
+TEST_F(MapTilesTest, AreListedWithTheirBounds) {
+  Request request;
+  request.method = "GET";
+  request.host = "maps.example.org:7070";
+  const auto asked = [&](const char* target, const Route& route) {
+    request.target = target;
+    const auto answer = route(request);
+    return answer && answer->later ? answer->later->work({}) : *answer;
+  };
+  const Answer own = asked("/v1/sessions/default/heights/tiles.json?at=11.5,47.25&v=3", tiles);
+  EXPECT_EQ(own.status, 200u);
+  EXPECT_EQ(own.body, R"({
+  "tilejson": "3.0.0",
+  "name": "default heights",
+  "tiles": ["http://maps.example.org:7070/v1/sessions/default/heights/{z}/{x}/{y}.png?at=11.5,47.25"],
+  "minzoom": 0,
+  "maxzoom": 24,
+  "bounds": [-180, -85.051129, 180, 85.051129],
+  "center": [11.5, 47.25, 12],
+  "tileSize": 256,
+  "encoding": "terrarium"
+}
+)");
+  EXPECT_EQ(asked("/v1/sessions/default/heights/tiles.json", tiles).status, 400u);
+  request.isSecure = true;
+  EXPECT_THAT(asked("/v1/sessions/default/colours/tiles.json?at=0,0&beyond=empty", tiles).body,
+              testing::AllOf(HasSubstr("\"https://maps.example.org:7070/v1/sessions/default/colours/{z}/{x}/{y}.jpg?at=0,0&beyond=empty\""),
+                             testing::Not(HasSubstr("terrarium"))));
+  for (const char* const host : {"", "\"><script>", "a/b"}) {
+    request.host = host;
+    EXPECT_THAT(asked("/v1/sessions/default/heights/tiles.json?at=0,0", tiles).body, HasSubstr("Send a Host header")) << host;
+  }
+  EXPECT_EQ(routeOf("/v1/sessions/a/heights/tiles.json"), "/v1/sessions/{session}/heights/tiles.json");
+  EXPECT_EQ(needed("GET", "/v1/sessions/a/heights/tiles.json").right, access::Right::kQuery);
 }
 
 TEST_F(MapTilesTest, TakeNoThreadThatShortAnswersNeed) {

@@ -6,6 +6,7 @@
 #include <cstdio>
 #include <cstring>
 #include <numbers>
+#include <optional>
 #include <random>
 
 #include <jpeglib.h>
@@ -62,11 +63,13 @@ class Placed final : public terrain::Raster {
   const terrain::RasterShape& shape() const override { return shape_; }
   terrain::RasterOrigin origin() const override {
     terrain::RasterOrigin out;
-    out.crs = "EPSG:32632";
-    out.easting = 800'000;
-    out.northing = 5'240'000;
+    out.crs = crs_;
+    out.easting = easting_;
+    out.northing = northing_;
     return out;
   }
+  std::string crs_ = "EPSG:32632";
+  double easting_ = 800'000, northing_ = 5'240'000;
   void tile(terrain::TileAddress, terrain::Tile& out) const override { out.fill(0); }
   terrain::RasterShape shape_{
       .x = {-256'000, terrain::pitchOf(2560)}, .z = {-256'000, terrain::pitchOf(2560)}, .width = 201, .height = 201};
@@ -108,6 +111,59 @@ TEST(Mercator, AMapsPixelsLieWhereItsGridHasThem) {
     EXPECT_EQ(isBeside(*sheetOf({level, tile.x, tile.y + (1u << (level - 8))}, map), map.shape()), true);
   }
   EXPECT_FALSE(sheetOf({3, 6, 3}, map)) << "the grid does not reach there";
+}
+
+// Whatever tile is not beside the map lies within its bounds, and no side of them is farther out than the map.
+TEST(Mercator, BoundsHoldTheWholeMapAndNoMore) {
+  const Placed map;
+  for (const std::optional<Place>& origin : {std::optional<Place>(), std::optional(Place{-70, -33})}) {
+    const auto bounds = boundsOf(map, origin);
+    ASSERT_TRUE(bounds);
+    double west = 180, south = 90, east = -180, north = -90;  // of pixels of the map
+    const Place middle{(bounds->west + bounds->east) / 2, (bounds->south + bounds->north) / 2};
+    const auto [x, y] = tileOf(middle, 15);
+    for (int j = -12; j <= 12; ++j)
+      for (int i = -12; i <= 12; ++i) {
+        const TileAddress tile{15, static_cast<std::uint32_t>(x) + static_cast<std::uint32_t>(i),
+                               static_cast<std::uint32_t>(y) + static_cast<std::uint32_t>(j)};
+        const auto sheet = origin ? std::optional(sheetOf(tile, *origin, &map)) : sheetOf(tile, map);
+        ASSERT_TRUE(sheet);
+        for (std::size_t k = 0; k < sheet->nodes.size(); ++k) {
+          const auto& node = sheet->nodes[k];
+          if (std::abs(node.x) > 256'000 || std::abs(node.z) > 256'000) continue;
+          const double column = static_cast<double>(k % sheet->nodesAcross()) / 8, row = static_cast<double>(k / sheet->nodesAcross()) / 8;
+          const double longitude = std::ldexp(tile.x + column, 1 - 15) * 180 - 180;
+          const double latitude = std::atan(std::sinh(std::numbers::pi * (1 - std::ldexp(tile.y + row, 1 - 15)))) * 180 / std::numbers::pi;
+          west = std::min(west, longitude), east = std::max(east, longitude);
+          south = std::min(south, latitude), north = std::max(north, latitude);
+        }
+      }
+    constexpr double kTiny = 1e-5, kNode = 360.0 / 32768 / 8;
+    EXPECT_GE(west, bounds->west - kTiny);
+    EXPECT_LE(east, bounds->east + kTiny);
+    EXPECT_GE(south, bounds->south - kTiny);
+    EXPECT_LE(north, bounds->north + kTiny);
+    EXPECT_NEAR(west, bounds->west, 2 * kNode);
+    EXPECT_NEAR(east, bounds->east, 2 * kNode);
+    EXPECT_NEAR(south, bounds->south, 2 * kNode);
+    EXPECT_NEAR(north, bounds->north, 2 * kNode);
+  }
+  const int finest = finestLevelOf(map.shape(), 47);
+  const double pixel = sheetOf({finest, 0, 0}, Place{0, 47}).pitchX;
+  EXPECT_LE(pixel, 2560);
+  EXPECT_GT(pixel, 1280);
+  Placed fiji;
+  fiji.crs_ = "EPSG:32760";
+  fiji.easting_ = 820'500;
+  fiji.northing_ = 8'175'000;
+  const auto crossed = boundsOf(fiji, {});
+  ASSERT_TRUE(crossed);
+  EXPECT_EQ(crossed->west, -180);
+  EXPECT_EQ(crossed->east, 180);
+  EXPECT_NEAR(crossed->south, -16.5, 0.2);
+  fiji.crs_ = "EPSG:1";
+  EXPECT_FALSE(boundsOf(fiji, {}));
+  EXPECT_TRUE(boundsOf(fiji, Place{1, 2}));
 }
 
 // Laid elsewhere by hand, it stays turned.
