@@ -164,6 +164,40 @@ std::optional<Turn> turnOf(const terrain::Raster& map, lattice::Point origin) {
   return Turn{east / length, north / length};
 }
 
+Outcome<Coordinates> Coordinates::of(std::shared_ptr<const terrain::Terrain> terrain, const terrain::Raster* map, std::string_view crs) {
+  Coordinates out;
+  out.terrain_ = std::move(terrain);
+  out.crs_ = crs;
+  const std::string_view number = crs.starts_with("EPSG:") ? crs.substr(5) : std::string_view();
+  const bool isNumber = number.size() <= 6 && text::number<unsigned>(number);
+  if (crs != "lonlat" && !isNumber)
+    return Error{"crs is lonlat, for longitudes and latitudes in degrees, or EPSG:N, for eastings and northings."};
+  if (isNumber && !Grid::of(out.crs_, {}))
+    return Error{out.crs_ + " is no projected CRS that PROJ knows; for longitudes and latitudes say lonlat."};
+  const auto origin = map ? terrain::onGrid(*map, {}) : std::nullopt;
+  if (!origin || !Grid::of(map->origin().crs, *origin))
+    return Error{"This terrain does not say where on Earth it lies: ask in metres of the world, without crs."};
+  out.mapCrs_ = map->origin().crs;
+  out.origin_ = *origin;
+  return out;
+}
+
+std::optional<std::array<double, 2>> Coordinates::world(double first, double second) {
+  std::optional<terrain::GridPlace> place(std::in_place, first, second);
+  if (crs_ != mapCrs_) {
+    if (!about_) about_ = place;
+    std::optional<std::array<double, 2>> degrees{{first, second}};
+    if (crs_ != "lonlat") {
+      const Grid* const theirs = Grid::of(crs_, *about_);
+      degrees = theirs ? theirs->degrees(*place) : std::nullopt;
+    }
+    const Grid* const ours = Grid::of(mapCrs_, origin_);
+    place = degrees ? ours->at((*degrees)[0], (*degrees)[1]) : std::nullopt;
+  }
+  if (!place) return std::nullopt;
+  return std::array{place->easting - origin_.easting, origin_.northing - place->northing};
+}
+
 Matrix product(const Matrix& b, const Matrix& a) {
   Matrix out{};
   for (std::size_t column = 0; column < 4; ++column)

@@ -10,7 +10,9 @@
 #include <string_view>
 
 #include "common/lattice/lattice.h"
+#include "common/outcome/outcome.h"
 #include "common/terrain/raster.h"
+#include "common/terrain/terrain.h"
 
 namespace ridgecast::earth {
 
@@ -72,6 +74,22 @@ struct Turn {
   double cosine = 1, sine = 0;
 };
 std::optional<Turn> turnOf(const terrain::Raster& map, lattice::Point origin);
+
+// Places of a world as people have them: longitudes and latitudes (WGS84), or eastings and northings of a CRS. A value; one thread at a time.
+class Coordinates {
+ public:
+  // `crs`: lonlat or EPSG:N. Error, one sentence: another, one that PROJ does not know as projected, or a map that does not say where it lies
+  // (null: there is none, or it is private).
+  static Outcome<Coordinates> of(std::shared_ptr<const terrain::Terrain> terrain, const terrain::Raster* map, std::string_view crs);
+  // Metres of the world, x and z; empty: the map's CRS does not reach there.
+  std::optional<std::array<double, 2>> world(double first, double second);
+
+ private:
+  std::shared_ptr<const terrain::Terrain> terrain_;
+  std::string crs_, mapCrs_;
+  terrain::GridPlace origin_;                // of the world, on the map's grid
+  std::optional<terrain::GridPlace> about_;  // of what is asked first
+};
 
 // a, then b.
 Matrix product(const Matrix& b, const Matrix& a);

@@ -1,6 +1,7 @@
 #include "server/http/queries.h"
 
 #include <algorithm>
+#include <array>
 #include <chrono>
 #include <cmath>
 #include <span>
@@ -9,6 +10,7 @@
 
 #include "common/text/text.h"
 #include "common/wire/wire.h"
+#include "server/earth/earth.h"
 #include "server/http/query_body.h"
 #include "server/http/worlds.h"
 #include "server/query/query.h"
@@ -38,17 +40,21 @@ class Asking {
     session::Ground ground = session_->ground();
     answering_.emplace(std::move(ground.terrain), std::move(query), ground.edit);
   }
-  void ask(std::string body, BodyType type, std::optional<double> option) {
-    body_.emplace(form_, type, std::move(body), option);
+  void ask(std::string body, BodyType type, std::optional<double> option, const std::string& crs) {
+    body_.emplace(form_, type, std::move(body), option, toWorldOf(crs));
     type_ = type;
+  }
+  void ask(std::vector<double> numbers, std::optional<double> option, const std::string& crs) {
+    body_.emplace(form_, std::move(numbers), option, toWorldOf(crs));
   }
 
   Answer turn(const std::stop_token& stop) {
+    if (wrong_) return refused(400, metrics::Refusal::kRequest, wrong_->message);
     for (const auto until = Clock::now() + kTurn; Clock::now() < until && !stop.stop_requested();) {
       if (!answering_) {
         auto query = body_->read();
         if (!query) continue;
-        if (!*query) return refused(400, metrics::Refusal::kRequest, query->error().message);
+        if (wrong_ || !*query) return refused(400, metrics::Refusal::kRequest, (wrong_ ? *wrong_ : query->error()).message);
         body_.reset();
         ask(std::move(**query));
       } else if (!answering_->isDone()) {
@@ -64,6 +70,21 @@ class Asking {
   }
 
  private:
+  // Begins with the work: PROJ takes its time.
+  ToWorld toWorldOf(const std::string& crs) {
+    if (crs.empty()) return {};
+    auto coordinates = std::make_shared<std::optional<earth::Coordinates>>();
+    return [this, crs, coordinates](double first, double second) -> std::optional<std::array<double, 2>> {
+      if (!*coordinates) {
+        const auto terrain = session_->ground().terrain;
+        auto made = earth::Coordinates::of(terrain, session_->resources().limits.sendsTerrain ? terrain->raster() : nullptr, crs);
+        if (!made) return wrong_ = made.error(), std::nullopt;
+        *coordinates = std::move(*made);
+      }
+      return (*coordinates)->world(first, second);
+    };
+  }
+
   static Answer later(Clock::time_point when) {
     Answer a;
     a.again = when;
@@ -117,6 +138,7 @@ class Asking {
   const std::shared_ptr<session::Session> session_;
   const std::shared_ptr<session::Budgets> budgets_;
   std::optional<BodyReader> body_;
+  std::optional<Error> wrong_;
   BodyType type_ = BodyType::kJson;
   std::optional<query::Answering> answering_;
   wire::Answer made_;
@@ -128,28 +150,44 @@ Answer inTurns(std::shared_ptr<Asking> asking) {
   return madeBy({.work = [asking = std::move(asking)](const std::stop_token& stop) { return asking->turn(stop); }});
 }
 
+// The CRS of the places; empty: metres of the world.
+Outcome<std::string> crsOf(const QueryForm& form, std::string_view query) {
+  auto crs = queryParameter(query, "crs");
+  if (crs && !crs->empty() && form.kind == QueryKind::kRays) return Error{"Rays have the axes of the world: ask for them without crs."};
+  return crs;
+}
+
 // The body of a request, to be read in its session.
 Outcome<Enter> posted(const QueryForm& form, BodyType type, std::string_view query, const std::string& client) {
   const auto option = optionOf(form, query);
   if (!option) return option.error();
+  const auto crs = crsOf(form, query);
+  if (!crs) return crs.error();
   const std::size_t most = mostBytes(form, type);
   std::string tooLong = "The body has more than " + std::to_string(most) + " bytes; ask for at most " + std::to_string(form.mostInBody) +
                         (form.kind == QueryKind::kRays ? " rays" : " places") + " at a time.";
-  return Enter([=, &form, option = *option](std::shared_ptr<session::Session> session) {
+  return Enter([=, &form, option = *option, crs = *crs](std::shared_ptr<session::Session> session) {
     auto asking = std::make_shared<Asking>(form, std::move(session), client);
     return madeOfBody({most, tooLong, [=](std::string body) {
-                         asking->ask(std::move(body), type, option);
+                         asking->ask(std::move(body), type, option, crs);
                          return inTurns(asking);
                        }});
   });
 }
 
 Outcome<Enter> inUrl(const QueryForm& form, std::string_view query, const std::string& client) {
-  auto asked = queryOfUrl(form, query);
+  auto numbers = numbersOfUrl(form, query);
+  if (!numbers) return numbers.error();
+  const auto option = optionOf(form, query);
+  if (!option) return option.error();
+  const auto crs = crsOf(form, query);
+  if (!crs) return crs.error();
+  auto asked = queryOf(form, crs->empty() ? std::span<const double>(*numbers) : std::span<const double>(), *option);
   if (!asked) return asked.error();
-  return Enter([&form, client, asked = std::move(*asked)](std::shared_ptr<session::Session> session) {
+  return Enter([&form, client, asked = std::move(*asked), numbers = std::move(*numbers), option = *option,
+                crs = *crs](std::shared_ptr<session::Session> session) {
     auto asking = std::make_shared<Asking>(form, std::move(session), client);
-    asking->ask(asked);
+    crs.empty() ? asking->ask(asked) : asking->ask(numbers, option, crs);
     return inTurns(std::move(asking));
   });
 }

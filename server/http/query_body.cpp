@@ -45,7 +45,8 @@ Error wrongOne(const QueryForm& form, std::size_t index) {
   return Error{std::string(form.isOne) + "; number " + std::to_string(index + 1) + " is not."};
 }
 
-// Of all numbers, form.numbers of each.
+}  // namespace
+
 Outcome<wire::Query> queryOf(const QueryForm& form, std::span<const double> all, std::optional<double> option) {
   wire::Query out;
   out.kind = form.kind;
@@ -75,8 +76,6 @@ Outcome<wire::Query> queryOf(const QueryForm& form, std::span<const double> all,
   return out;
 }
 
-}  // namespace
-
 const QueryForm* queryFormOf(std::string_view path) {
   const auto* form = std::ranges::find(kForms, path, &QueryForm::path);
   return form == kForms.end() ? nullptr : form;
@@ -101,15 +100,13 @@ Outcome<std::optional<double>> optionOf(const QueryForm& form, std::string_view 
   return value;
 }
 
-Outcome<wire::Query> queryOfUrl(const QueryForm& form, std::string_view query) {
+Outcome<std::vector<double>> numbersOfUrl(const QueryForm& form, std::string_view query) {
   const auto ones = queryParameters(query, form.parameter);
   if (!ones) return ones.error();
   if (ones->empty() || ones->size() > form.mostInUrl)
     return Error{"Name 1 to " + std::to_string(form.mostInUrl) +
                  (form.kind == QueryKind::kRays ? " rays as ray=X,Y,Z,DX,DY,DZ: where they begin, in metres, and their direction."
                                                 : " places as at=X,Z, in metres.")};
-  const auto option = optionOf(form, query);
-  if (!option) return option.error();
   std::vector<double> numbers;
   for (std::size_t k = 0; k < ones->size(); ++k) {
     std::string_view rest = (*ones)[k];
@@ -120,10 +117,22 @@ Outcome<wire::Query> queryOfUrl(const QueryForm& form, std::string_view query) {
       numbers.push_back(*number);
     }
   }
-  return queryOf(form, numbers, *option);
+  return {boost::system::in_place_value, std::move(numbers)};
+}
+
+std::optional<Outcome<wire::Query>> BodyReader::place() {
+  for (const std::size_t end = std::min(numbers_.size(), placed_ + kValuesATime); toWorld_ && placed_ < end; placed_ += 2) {
+    const auto world = toWorld_(numbers_[placed_], numbers_[placed_ + 1]);
+    if (!world) return Error{"The CRS of the map does not reach place number " + std::to_string(placed_ / 2 + 1) + "."};
+    numbers_[placed_] = (*world)[0];
+    numbers_[placed_ + 1] = (*world)[1];
+  }
+  if (toWorld_ && placed_ < numbers_.size()) return std::nullopt;
+  return queryOf(form_, numbers_, option_);
 }
 
 std::optional<Outcome<wire::Query>> BodyReader::read() {
+  if (in_ == In::kPlacing) return place();
   const bool rays = form_.kind == QueryKind::kRays;
   if (type_ == BodyType::kDoubles) {
     const std::size_t each = form_.numbers * sizeof(double);
@@ -132,7 +141,8 @@ std::optional<Outcome<wire::Query>> BodyReader::read() {
                    std::to_string(each) + " bytes, not " + std::to_string(body_.size()) + "."};
     numbers_.resize(body_.size() / sizeof(double));
     std::memcpy(numbers_.data(), body_.data(), body_.size());
-    return queryOf(form_, numbers_, option_);
+    in_ = In::kPlacing;
+    return place();
   }
   for (std::size_t k = 0; k < kValuesATime; ++k) {
     const bool right = in_ == In::kStart ? (in_ = In::kObject, take("{")) : in_ == In::kObject ? member() : one();
@@ -140,7 +150,7 @@ std::optional<Outcome<wire::Query>> BodyReader::read() {
     if (!right)
       return Error{rays ? R"(The body must be {"rays": [[x, y, z, dx, dy, dz], ...], "reach": metres}, of which reach may be absent.)"
                         : R"(The body must be {"at": [[x, z], ...], "spacing": metres}, of which spacing may be absent.)"};
-    if (in_ == In::kEnd) return numbers_.empty() ? countError(form_) : queryOf(form_, numbers_, option_);
+    if (in_ == In::kPlacing) return numbers_.empty() ? countError(form_) : place();
   }
   return std::nullopt;
 }
@@ -186,7 +196,7 @@ bool BodyReader::one() {
 }
 
 bool BodyReader::memberEnds() {
-  in_ = take(",") ? In::kObject : In::kEnd;
+  in_ = take(",") ? In::kObject : In::kPlacing;
   return in_ == In::kObject || (take("}") && (take(""), at_ == body_.size()));
 }
 

@@ -1,7 +1,9 @@
 #pragma once
 // What a query over HTTP asks: from a URL, or from a body. Any thread, one at a time for a BodyReader.
 
+#include <array>
 #include <cstddef>
+#include <functional>
 #include <optional>
 #include <span>
 #include <string>
@@ -33,25 +35,38 @@ std::optional<BodyType> bodyTypeOf(std::string_view contentType);
 std::size_t mostBytes(const QueryForm& form, BodyType type);
 
 // Error: one sentence.
-Outcome<wire::Query> queryOfUrl(const QueryForm& form, std::string_view query);
+Outcome<std::vector<double>> numbersOfUrl(const QueryForm& form, std::string_view query);
+Outcome<wire::Query> queryOf(const QueryForm& form, std::span<const double> all, std::optional<double> option);
 Outcome<std::optional<double>> optionOf(const QueryForm& form, std::string_view query);
 
-// Reads a body, of JSON a little at a time.
+// From a pair of numbers of the person's to metres of the world.
+using ToWorld = std::function<std::optional<std::array<double, 2>>(double, double)>;
+
+// Reads a body, of JSON a little at a time, and places what it asks for.
 class BodyReader {
  public:
+  // Of numbers that were read before.
+  BodyReader(const QueryForm& form, std::vector<double> numbers, std::optional<double> option, ToWorld toWorld)
+      : form_(form),
+        type_(BodyType::kDoubles),
+        option_(option),
+        in_(In::kPlacing),
+        numbers_(std::move(numbers)),
+        toWorld_(std::move(toWorld)) {}
   // `option`: from the URL; JSON's counts before it.
-  BodyReader(const QueryForm& form, BodyType type, std::string body, std::optional<double> option)
-      : form_(form), type_(type), body_(std::move(body)), option_(option) {}
+  BodyReader(const QueryForm& form, BodyType type, std::string body, std::optional<double> option, ToWorld toWorld = {})
+      : form_(form), type_(type), body_(std::move(body)), option_(option), toWorld_(std::move(toWorld)) {}
   // Nothing: it is not at the end yet. Error: one sentence.
   std::optional<Outcome<wire::Query>> read();
 
  private:
-  enum class In { kStart, kObject, kList, kEnd };
+  enum class In { kStart, kObject, kList, kPlacing };
   bool take(std::string_view text);  // past white space; false: it is not there
   std::optional<double> number();
   bool member();  // of the object, or the beginning of the list
   bool one();     // of the list
   bool memberEnds();
+  std::optional<Outcome<wire::Query>> place();
 
   const QueryForm& form_;
   const BodyType type_;
@@ -61,6 +76,8 @@ class BodyReader {
   In in_ = In::kStart;
   bool sawList_ = false, sawOption_ = false;
   std::vector<double> numbers_;
+  ToWorld toWorld_;
+  std::size_t placed_ = 0;  // of the numbers
 };
 
 }  // namespace ridgecast::http
