@@ -55,7 +55,7 @@ struct Components {
   int count = 0;
   template <class U>
   constexpr void put(U v) {
-    at[count++] = T(v);
+    if (count < 16) at[count++] = T(v);
   }
   template <class U>
   constexpr void put(Vector2<U> v) {
@@ -89,6 +89,7 @@ struct Components {
   constexpr auto handed()& {                                     \
     return Handed__<Vector, K...>(*this);                        \
   }                                                              \
+  constexpr explicit operator bool() const { return bool(x); }   \
   constexpr explicit operator float() const { return float(x); } \
   constexpr explicit operator int() const { return int(x); }     \
   constexpr explicit operator uint() const { return uint(x); }

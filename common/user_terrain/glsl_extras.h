@@ -154,34 +154,42 @@ struct Array__ {
 RIDGECAST_SCALAR_FIRST(operator&, RIDGECAST_AND)
 RIDGECAST_SCALAR_FIRST(operator|, RIDGECAST_OR)
 RIDGECAST_SCALAR_FIRST(operator^, RIDGECAST_XOR)
-#define RIDGECAST_VECTOR(Vector)                       \
-  template <class T>                                   \
-  constexpr Vector<T> operator+(Vector<T> v) {         \
-    return v;                                          \
-  }                                                    \
-  template <class T>                                   \
-  constexpr Vector<T>& operator++(Vector<T>& v) {      \
-    return v += T(1);                                  \
-  }                                                    \
-  template <class T>                                   \
-  constexpr Vector<T>& operator--(Vector<T>& v) {      \
-    return v -= T(1);                                  \
-  }                                                    \
-  template <class T>                                   \
-  constexpr Vector<T> operator++(Vector<T>& v, int) {  \
-    const Vector<T> before = v;                        \
-    v += T(1);                                         \
-    return before;                                     \
-  }                                                    \
-  template <class T>                                   \
-  constexpr Vector<T> operator--(Vector<T>& v, int) {  \
-    const Vector<T> before = v;                        \
-    v -= T(1);                                         \
-    return before;                                     \
-  }                                                    \
-  template <class T, class B>                          \
-  constexpr Vector<T>& operator/=(Vector<T>& v, B b) { \
-    return v = v / b;                                  \
+#define RIDGECAST_VECTOR(Vector)                             \
+  template <class T>                                         \
+  constexpr Vector<T> operator+(Vector<T> v) {               \
+    return v;                                                \
+  }                                                          \
+  template <class T>                                         \
+  constexpr Vector<T>& operator++(Vector<T>& v) {            \
+    return v += T(1);                                        \
+  }                                                          \
+  template <class T>                                         \
+  constexpr Vector<T>& operator--(Vector<T>& v) {            \
+    return v -= T(1);                                        \
+  }                                                          \
+  template <class T>                                         \
+  constexpr Vector<T> operator++(Vector<T>& v, int) {        \
+    const Vector<T> before = v;                              \
+    v += T(1);                                               \
+    return before;                                           \
+  }                                                          \
+  template <class T>                                         \
+  constexpr Vector<T> operator--(Vector<T>& v, int) {        \
+    const Vector<T> before = v;                              \
+    v -= T(1);                                               \
+    return before;                                           \
+  }                                                          \
+  template <class T>                                         \
+  constexpr Vector<T>& operator/=(Vector<T>& v, Same<T> b) { \
+    return v = v / b;                                        \
+  }                                                          \
+  template <class T, class U>                                \
+  constexpr Vector<T> operator<<(Vector<T> a, Vector<U> b) { \
+    return a << Vector<T>(b);                                \
+  }                                                          \
+  template <class T, class U>                                \
+  constexpr Vector<T> operator>>(Vector<T> a, Vector<U> b) { \
+    return a >> Vector<T>(b);                                \
   }
 RIDGECAST_VECTOR(Vector2)
 RIDGECAST_VECTOR(Vector3)
@@ -207,11 +215,13 @@ struct mat2 {
   constexpr mat2(vec2 a, vec2 b) : column0(a), column1(b) {}
   constexpr explicit mat2(float d) : column0(d, 0.0f), column1(0.0f, d) {}
   constexpr explicit mat2(const Components<float>& c) : column0(c.at[0], c.at[1]), column1(c.at[2], c.at[3]) {}
-  constexpr explicit mat2(vec4 v) : column0(v.x, v.y), column1(v.z, v.w) {}
+  template <class T>
+  constexpr explicit mat2(Vector4<T> v) : mat2(Components<float>(v, 0.0f)) {}
   template <class A, class B, class... C>
   constexpr explicit mat2(A a, B b, C... c) : mat2(Components<float>(a, b, c...)) {}
   constexpr vec2& operator[](int i) { return i <= 0 ? column0 : column1; }
   constexpr const vec2& operator[](int i) const { return i <= 0 ? column0 : column1; }
+  constexpr explicit operator vec4() const { return {column0, column1}; }
   constexpr bool operator==(const mat2&) const = default;
 };
 struct mat3 {
@@ -286,6 +296,7 @@ constexpr vec4 operator*(vec4 v, mat4 m) { return {dot(v, m.column0), dot(v, m.c
   constexpr matrix operator/(matrix a, matrix b) { return columns(RIDGECAST_QUOTIENT); }          \
   constexpr matrix matrixCompMult(matrix a, matrix b) { return columns(RIDGECAST_EACH_PRODUCT); } \
   constexpr matrix operator-(matrix a) { return columns(RIDGECAST_NEGATIVE); }                    \
+  constexpr matrix operator+(matrix a) { return a; }                                              \
   constexpr matrix operator+(matrix a, float s) { return columns(RIDGECAST_SUM_WITH); }           \
   constexpr matrix operator-(matrix a, float s) { return columns(RIDGECAST_DIFFERENCE_WITH); }    \
   constexpr matrix operator*(matrix a, float s) { return columns(RIDGECAST_PRODUCT_WITH); }       \
@@ -308,6 +319,18 @@ constexpr vec4 operator*(vec4 v, mat4 m) { return {dot(v, m.column0), dot(v, m.c
   template <class B>                                                                              \
   constexpr matrix& operator*=(matrix& a, B b) {                                                  \
     return a = a * b;                                                                             \
+  }                                                                                               \
+  constexpr matrix& operator++(matrix& a) { return a = a + 1.0f; }                                \
+  constexpr matrix& operator--(matrix& a) { return a = a - 1.0f; }                                \
+  constexpr matrix operator++(matrix& a, int) {                                                   \
+    const matrix before = a;                                                                      \
+    ++a;                                                                                          \
+    return before;                                                                                \
+  }                                                                                               \
+  constexpr matrix operator--(matrix& a, int) {                                                   \
+    const matrix before = a;                                                                      \
+    --a;                                                                                          \
+    return before;                                                                                \
   }                                                                                               \
   constexpr matrix& operator/=(matrix& a, float b) { return a = a / b; }                          \
   constexpr vector& operator*=(vector& v, matrix m) { return v = v * m; }

@@ -91,27 +91,27 @@ std::uint64_t hashed(std::uint64_t hash, std::string_view text) {
 
 bool isPrivate(const struct stat& s) { return s.st_uid == geteuid() && (s.st_mode & (S_IWGRP | S_IWOTH)) == 0; }
 
-// "terrain.glsl:12:7: error: ..." -> "file:12: ..."; an error inside the program's own text is reported where the file called it. Of the
-// compiler's words only a name, or a sentence of ours, is for people.
+// "terrain.glsl:12:7: error: ..." -> "file:12: ..."; an error inside the program's own text is reported where the file called it. The
+// compiler's words are not for people, but for a sentence of ours and a member that a struct has taken from the vectors.
 Error complaint(std::string_view file, std::string_view output) {
-  const std::size_t error = output.find("error: ");
-  if (error == std::string_view::npos) return Error{std::string(file) + ": the C++ compiler failed without saying why"};
-  constexpr std::string_view kOurs = "static assertion failed: ";
-  std::string_view what = output.substr(error + 7, output.find('\n', error) - error - 7);
-  std::string why;
-  if (what.starts_with(kOurs)) {
-    why = ": " + std::string(what.substr(kOurs.size()));
-  } else if (const std::size_t first = what.find_first_of("'\xe2"); first != what.npos) {  // 'name', in quotation marks of any kind
-    what.remove_prefix(std::min(first + (what[first] == '\'' ? 1u : 3u), what.size()));
-    what = what.substr(0, static_cast<std::size_t>(std::ranges::find_if_not(what, isNameCharacter) - what.begin()));
-    if (!what.empty() && what.find("__") == what.npos) why = ": '" + std::string(what) + "'";
-  }
+  constexpr std::string_view kOurs = "static assertion failed: ", kMember = "has no member named ";
+  const auto after = [&](std::string_view words) {
+    const std::size_t place = output.find(words);
+    return place == output.npos ? std::string_view() : output.substr(place + words.size(), output.find('\n', place) - place - words.size());
+  };
+  if (output.find("error: ") == output.npos) return Error{std::string(file) + ": the C++ compiler failed without saying why"};
   std::size_t number = 0;
   const std::string mark = std::string(kPersonsFile) + ":";
-  if (const std::size_t place = output.find(mark); place != std::string_view::npos)
+  for (std::size_t place = output.find(mark); place != output.npos && number == 0; place = output.find(mark, place + 1))
     std::from_chars(output.data() + place + mark.size(), output.data() + output.size(), number);
-  return Error{std::string(file) + ":" + (number ? std::to_string(number) + ":" : "") + " this GLSL has no counterpart for heights" + why +
-               "; write it in simpler GLSL"};
+  std::string why = ": write it in simpler GLSL";
+  if (const auto ours = after(kOurs); !ours.empty()) why = ": " + std::string(ours);
+  if (std::string_view member = after(kMember); !member.empty()) {
+    member.remove_prefix(static_cast<std::size_t>(std::ranges::find_if(member, isNameCharacter) - member.begin()));
+    member = member.substr(0, static_cast<std::size_t>(std::ranges::find_if_not(member, isNameCharacter) - member.begin()));
+    why = ": a struct has a member named '" + std::string(member) + "', which vectors then do not have; rename it";
+  }
+  return Error{std::string(file) + ":" + (number ? std::to_string(number) + ":" : "") + " this GLSL has no counterpart for heights" + why};
 }
 
 }  // namespace

@@ -2,10 +2,13 @@
 
 #include <algorithm>
 #include <array>
+#include <cassert>
+#include <cstdlib>
 #include <map>
 #include <optional>
 #include <set>
 
+#include "common/terrain/terrain.h"
 #include "common/user_terrain/complaints.h"
 
 namespace ridgecast::user_terrain {
@@ -20,13 +23,13 @@ constexpr std::string_view kClaimed =
     " alignas alignof and and_eq auto bitand bitor catch char char16_t char32_t char8_t co_await co_return co_yield compl "
     "concept const_cast consteval constexpr constinit decltype delete dynamic_cast explicit export friend mutable new "
     "noexcept not not_eq nullptr operator or or_eq private protected register reinterpret_cast requires signed static_assert "
-    "static_cast thread_local throw try typeid typename virtual wchar_t xor ";
+    "static_cast thread_local throw try typeid typename virtual wchar_t xor xor_eq ";
 
 constexpr std::array<std::string_view, 22> kTypes = {"float", "int",   "uint",  "bool",   "vec2",   "vec3",  "vec4",  "ivec2",
                                                      "ivec3", "ivec4", "uvec2", "uvec3",  "uvec4",  "bvec2", "bvec3", "bvec4",
                                                      "mat2",  "mat3",  "mat4",  "mat2x2", "mat3x3", "mat4x4"};
-// Of what a picture has around a pixel, or a texture.
-constexpr std::array<std::string_view, 4> kOfPictures = {"gl_", "dFd", "fwidth", "texture"};
+// Functions of what a picture has around a pixel, or of a texture, by their beginnings.
+constexpr std::array<std::string_view, 4> kOfPictures = {"dFd", "fwidth", "texture", "texelFetch"};
 constexpr std::array<std::string_view, 6> kOblong = {"mat2x3", "mat2x4", "mat3x2", "mat3x4", "mat4x2", "mat4x3"};
 
 bool isAssignment(const std::string& t) {
@@ -44,6 +47,20 @@ std::optional<std::vector<int>> swizzle(const std::string& name) {
     if (out.size() == name.size()) return out;
   }
   return std::nullopt;
+}
+
+// A file's overloads of these stand beside the prelude's.
+const std::set<std::string>& preludeFunctions() {
+  static const std::set<std::string> all = [] {
+    std::set<std::string> names;
+    const auto tokens = tokenise("prelude", withoutComments(terrain::prelude()));
+    const auto items = tokens ? topLevel("prelude", *tokens) : Outcome<std::vector<TopLevel>>(tokens.error());
+    assert(items);
+    for (const TopLevel& item : *items)
+      if (item.what == TopLevel::What::kFunction) names.insert(item.names[0]);
+    return names;
+  }();
+  return all;
 }
 
 struct CountedLoop {
@@ -65,17 +82,17 @@ class Translator {
       if (const double size = inlined(name); size > kMostInlined && (out_.colours || name == "terrainHeight"))
         return Error{std::string(file_) + ": with all its calls written out " + name + " would be " +
                      std::to_string(static_cast<long long>(std::min(size, 1e15))) + " words long; it calls too much: write it shorter"};
+    for (const std::string& name : functions_)
+      if (preludeFunctions().contains(name) && wanted_.contains(name)) out_.text.append("using ::").append(name).append(";\n");
+    scopes_.emplace_back();  // of the file
     for (const TopLevel& item : items_) {
       if (std::ranges::none_of(item.names, [&](const std::string& n) { return wanted_.contains(n); })) continue;
-      if (item.what == TopLevel::What::kStruct) {
-        const std::size_t close = item.end - 2;
-        emit(item.begin, close);
-        put(close, "bool operator==(const " + renamed(item.names[0]) + "&) const = default;");
-        emit(close, item.end);
-      } else if (item.what == TopLevel::What::kFunction || item.what == TopLevel::What::kPrototype) {
+      if (item.what == TopLevel::What::kFunction || item.what == TopLevel::What::kPrototype) {
         emit(item.begin, item.parameters);
+        scopes_.emplace_back();
         parameters(item);
         emit(closing(tokens_, item.parameters), item.end);
+        scopes_.pop_back();
       } else {
         emit(item.begin, item.end);
       }
@@ -90,19 +107,20 @@ class Translator {
   bool is(std::size_t i, std::string_view text) const { return i < tokens_.size() && tokens_[i].text == text; }
   bool isName(std::size_t i) const { return i < tokens_.size() && tokens_[i].kind == Kind::kName; }
   bool isType(std::size_t i) const {
-    return isName(i) && (std::ranges::find(kTypes, tokens_[i].text) != kTypes.end() || structs_.contains(tokens_[i].text));
+    return isName(i) && !isLocal(tokens_[i].text) &&
+           (std::ranges::find(kTypes, tokens_[i].text) != kTypes.end() || structs_.contains(tokens_[i].text));
   }
 
   // Names of structs and members, and everything that terrainHeight reaches.
   void collect() {
-    for (const TopLevel& item : items_) {
-      if (item.what != TopLevel::What::kStruct) continue;
-      structs_.insert(item.names[0]);
-      for (std::size_t i = item.begin + 3; i < item.end; ++i)
-        if (isName(i) && (is(i + 1, ";") || is(i + 1, ",") || is(i + 1, "["))) members_.insert(tokens_[i].text);
+    for (std::size_t i = 0; i + 2 < tokens_.size(); ++i) {
+      if (!is(i, "struct") || !is(i + 2, "{")) continue;
+      structs_.insert(tokens_[i + 1].text);
+      for (std::size_t k = i + 3; k < closing(tokens_, i + 2); ++k)
+        if (isName(k) && (is(k + 1, ";") || is(k + 1, ",") || is(k + 1, "["))) members_.insert(tokens_[k].text);
     }
     for (const TopLevel& item : items_)
-      if (item.what == TopLevel::What::kFunction) writes(item);
+      if (item.what == TopLevel::What::kFunction) functions_.insert(item.names[0]), writes(item);
     std::vector<std::string> ask{"terrainHeight"};
     if (out_.colours) ask.push_back("terrainColor");
     while (!ask.empty()) {
@@ -127,16 +145,17 @@ class Translator {
     return ends;
   }
 
-  // Which arguments functions of this name write.
+  // Which arguments a function writes.
   void writes(const TopLevel& f) {
-    std::vector<bool>& written = written_[f.names[0]];
-    std::size_t begin = f.parameters + 1, k = 0;
+    std::vector<bool> written;
+    std::size_t begin = f.parameters + 1;
     for (const std::size_t end : elements(f.parameters, closing(tokens_, f.parameters))) {
-      written.resize(std::max(written.size(), k + 1));
+      written.push_back(false);
       for (std::size_t i = begin; i < end; ++i)
-        if (is(i, "out") || is(i, "inout")) written[k] = true;
-      begin = end + 1, ++k;
+        if (is(i, "out") || is(i, "inout")) written.back() = true;
+      begin = end + 1;
     }
+    written_.emplace(f.names[0], std::move(written));
   }
 
   // Words of the functions of this name with all calls inlined, as the compiler does it.
@@ -164,59 +183,105 @@ class Translator {
 
   // (in float a, out vec2 b[3]) without its closing mark.
   void parameters(const TopLevel& f) {
-    const std::size_t close = closing(tokens_, f.parameters);
     put(f.parameters, "(");
-    for (std::size_t i = f.parameters + 1; i < close; ++i) {
+    std::size_t i = f.parameters + 1;
+    for (const std::size_t end : elements(f.parameters, closing(tokens_, f.parameters))) {
       bool byReference = false;
-      for (; i < close && (is(i, "in") || is(i, "out") || is(i, "inout") || is(i, "const") || isPrecision(tokens_[i].text)); ++i)
+      for (; is(i, "in") || is(i, "out") || is(i, "inout") || is(i, "const") || isPrecision(tokens_[i].text); ++i)
         byReference |= is(i, "out") || is(i, "inout");
-      if (is(i, "void")) continue;
-      std::size_t end = i;
-      while (end < close && !is(end, ",")) ++end;
-      i = declared(i, byReference);
-      if (i < end) emit(i, end);
-      if (end < close) put(end, ",");
-      i = end;
+      if (!is(i, "void")) {
+        const std::size_t own = is(i + 1, "[") ? i + 1 : 0, name = own ? closing(tokens_, own) + 1 : i + 1;
+        type(i, is(name + 1, "[") ? name + 1 : own);
+        if (byReference) put(i, "&");
+        if (name < end) put(name, declare(name, renamed(tokens_[name].text)));
+      }
+      if (!is(end, ")")) put(end, ",");
+      i = end + 1;
     }
   }
 
-  // At a type: writes it, arrays as Array__<type, size>, with the name if one follows. Returns the index of the next token.
-  std::size_t declared(std::size_t i, bool byReference) {
-    std::size_t name = i + 1, open = i + 1;
-    if (is(open, "["))
-      name = closing(tokens_, open) + 1;
-    else if (isName(name) && is(name + 1, "["))
-      open = name + 1;
-    if (!is(open, "[") || !isType(i)) {
-      put(i, renamed(tokens_[i].text));
-      if (byReference) put(i, "&");
-      return i + 1;
+  // A type; as an array with the size at `open`, if that is not 0.
+  void type(std::size_t i, std::size_t open) {
+    const std::string name = renamed(tokens_[i].text);
+    const std::size_t close = open ? closing(tokens_, open) : 0;
+    if (open == 0) return put(i, name);
+    if (close == open + 1) return put(i, "auto");  // float a[] = float[](...)
+    put(i, "Array__<" + name + ",(");
+    emit(open + 1, close);
+    put(i, ")>");
+  }
+
+  // At a type before a name or a size. Returns the index of the next token.
+  std::size_t typed(std::size_t i, std::size_t end, bool isConst) {
+    const std::size_t own = is(i + 1, "[") ? i + 1 : 0, name = own ? closing(tokens_, own) + 1 : i + 1;
+    if (own && is(name, "(")) return array(i, own, name);
+    if (isName(name) && name < end && !is(name + 1, "(")) return declarations(i, own, name, end, isConst);
+    type(i, own);  // that a function returns
+    return name;
+  }
+
+  // float[2](a, b)
+  std::size_t array(std::size_t i, std::size_t own, std::size_t open) {
+    const std::size_t last = closing(tokens_, open);
+    if (closing(tokens_, own) == own + 1)
+      put(i, "Array__<" + renamed(tokens_[i].text) + "," + std::to_string(elements(open, last).size()) + ">");
+    else
+      type(i, own);
+    put(i, "{");
+    emit(open + 1, last);
+    put(i, "}");
+    return last + 1;
+  }
+
+  // float a[3], b = 2.0, c[2]: each in a declaration of its own, and by another name where its own initialiser speaks of what had the name
+  // before: in GLSL its scope begins after that. Returns the index of the token behind.
+  std::size_t declarations(std::size_t i, std::size_t own, std::size_t name, std::size_t end, bool isConst, bool ofStruct = false) {
+    for (;;) {
+      const std::size_t size = is(name + 1, "[") ? name + 1 : own, after = is(name + 1, "[") ? closing(tokens_, name + 1) + 1 : name + 1;
+      std::size_t stop = after;
+      while (stop < end && !is(stop, ",") && !is(stop, ";")) stop = is(stop, "(") || is(stop, "[") ? closing(tokens_, stop) + 1 : stop + 1;
+      bool speaksOfIt = false;
+      for (std::size_t k = name + 1; k < stop; ++k) speaksOfIt |= is(k, tokens_[name].text) && !is(k - 1, ".");
+      std::string called = renamed(tokens_[name].text);
+      if (speaksOfIt && !ofStruct) called += "__" + std::to_string(++renamings_);
+      const bool isApart =
+          scopes_.back().isSwitch && stop > after && !(size && closing(tokens_, size) == size + 1);  // no case may jump over it
+      if (isConst && !isApart) put(i, "const");
+      type(i, size);
+      put(name, called);
+      if (isApart) put(name, "; " + called);
+      emit(after, stop);
+      if (!ofStruct) declare(name, called);
+      if (stop >= end || !is(stop, ",")) return stop;
+      put(stop, ";");
+      name = stop + 1;
     }
-    const std::size_t close = closing(tokens_, open);
-    std::size_t after = std::max(name + 1, close + 1);
-    const bool isConstructor = name < tokens_.size() && is(name, "(");
-    if (isConstructor) {  // float[2](a, b)
-      const std::size_t last = closing(tokens_, name);
-      put(i, "Array__<" + tokens_[i].text + ",");
-      if (close == open + 1)
-        put(i, std::to_string(elements(name, last).size()));
-      else
-        emit(open + 1, close);
-      put(i, ">{");
-      emit(name + 1, last);
-      put(i, "}");
-      return last + 1;
+  }
+
+  // struct Hill { vec2 at; float w[3], height; }
+  std::size_t structure(std::size_t i) {
+    const std::size_t close = closing(tokens_, i + 2);
+    const std::string name = renamed(tokens_[i + 1].text);
+    put(i, "struct " + name + " {");
+    for (std::size_t k = i + 3; k < close; ++k) {
+      if (isPrecision(tokens_[k].text)) continue;
+      const std::size_t own = is(k + 1, "[") ? k + 1 : 0;
+      k = declarations(k, own, own ? closing(tokens_, own) + 1 : k + 1, close, false, true);
+      put(k, ";");
     }
-    if (close == open + 1) {  // float a[] = float[](...)
-      put(i, "auto");
-    } else {
-      put(i, "Array__<" + tokens_[i].text + ",");
-      emit(open + 1, close);
-      put(i, ">");
-    }
-    if (byReference) put(i, "&");
-    if (isName(name)) put(name, renamed(tokens_[name].text));
-    return after;
+    put(close, "bool operator==(const " + name + "&) const = default; }");
+    return close + 1;
+  }
+
+  // A variable of the scope, and how it is called in C++.
+  std::string declare(std::size_t name, std::string called) { return scopes_.back().names[tokens_[name].text] = std::move(called); }
+  bool isLocal(const std::string& name) const {
+    return scopes_.size() > 1 && std::any_of(scopes_.begin() + 1, scopes_.end(), [&](const Scope& s) { return s.names.contains(name); });
+  }
+  std::string called(const std::string& name) const {
+    for (auto scope = scopes_.rbegin(); scope != scopes_.rend(); ++scope)
+      if (const auto found = scope->names.find(name); found != scope->names.end()) return found->second;
+    return renamed(name);
   }
 
   std::string renamed(const std::string& name) const {
@@ -240,8 +305,13 @@ class Translator {
     if (!steps || trips > static_cast<long>(kMostTripsWrittenOut)) return std::nullopt;
     for (std::size_t k = close + 1; k < bodyEnd; ++k) {
       if (is(k, "break") || is(k, "continue")) return std::nullopt;
-      if (is(k, loop.name) && ((k + 1 < bodyEnd && isAssignment(tokens_[k + 1].text)) || is(k - 1, "++") || is(k - 1, "--")))
-        return std::nullopt;
+      if (isName(k) && is(k + 1, "(") && written_.contains(tokens_[k].text))  // which may change it
+        for (std::size_t a = k + 2; a < closing(tokens_, k + 1); ++a)
+          if (is(a, loop.name)) return std::nullopt;
+      if (!is(k, loop.name)) continue;
+      std::size_t before = k - 1, after = k + 1;  // its own brackets
+      for (; is(before, "(") && is(after, ")"); ++after) --before;
+      if ((after < bodyEnd && isAssignment(tokens_[after].text)) || is(before, "++") || is(before, "--")) return std::nullopt;
     }
     loop.first = *first;
     loop.trips = static_cast<std::size_t>(std::max(trips, 0l));
@@ -252,6 +322,7 @@ class Translator {
   std::optional<long> number(std::size_t i) const {
     if (i >= tokens_.size()) return std::nullopt;
     if (tokens_[i].kind == Kind::kName) {
+      if (isLocal(tokens_[i].text)) return std::nullopt;
       for (const TopLevel& item : items_)
         if (item.what == TopLevel::What::kConstant && item.end == item.begin + 6 && is(item.begin + 1, "int") &&
             is(item.begin + 2, tokens_[i].text) && tokens_[item.begin + 4].kind == Kind::kNumber)
@@ -281,28 +352,32 @@ class Translator {
 
   std::size_t forLoop(std::size_t i) {
     const std::size_t open = i + 1, close = closing(tokens_, open), end = statementEnd(close + 1);
+    scopes_.emplace_back();
     if (const auto loop = counted(open, close, end); loop && emitted_ + loop->trips * (end - close) < kMostTokens) {
-      put(i, "{");
       for (std::size_t k = 0; k < loop->trips && emitted_ <= 4 * kMostTokens; ++k) {
-        put(i, "{ const int " + renamed(loop->name) + " = " + std::to_string(loop->first + static_cast<long>(k)) + ";");
+        put(i, (k == 0 ? "{ { const int " : "{ const int ") + declare(open + 2, renamed(loop->name)) + " = " +
+                   std::to_string(loop->first + static_cast<long>(k)) + ";");
         emit(close + 1, end);
         put(i, "}");
       }
+      put(i, loop->trips == 0 ? "{}" : "}");
+    } else {
+      std::size_t first = open + 1;
+      while (first < close && !is(first, ";")) ++first;
+      std::size_t second = first + 1;
+      while (second < close && !is(second, ";")) ++second;
+      put(i, "{");
+      emit(open + 1, first);
+      put(i, "; for (;");
+      condition(i, first + 1, second);
+      put(i, ";");
+      emit(second + 1, close);
+      put(i, ")");
+      emit(close + 1, end);
       put(i, "}");
-      return end;
     }
-    std::size_t first = open + 1;
-    while (first < close && !is(first, ";")) ++first;
-    std::size_t second = first + 1;
-    while (second < close && !is(second, ";")) ++second;
-    put(i, "for (");
-    emit(open + 1, first);
-    put(i, ";");
-    condition(i, first + 1, second);
-    put(i, ";");
-    emit(second + 1, close);
-    put(i, ")");
-    return close + 1;
+    scopes_.pop_back();
+    return end;
   }
 
   void condition(std::size_t at, std::size_t begin, std::size_t end) {
@@ -320,7 +395,10 @@ class Translator {
       const Token& t = tokens_[i];
       if (t.kind == Kind::kNumber) {
         const bool whole = t.text.find_first_of(".eE") == std::string::npos || t.text.starts_with("0x") || t.text.starts_with("0X");
-        put(i, whole || t.text.ends_with('f') || t.text.ends_with('F') ? t.text : t.text + "f");
+        if (whole && !t.text.ends_with('u') && !t.text.ends_with('U') && std::strtoull(t.text.c_str(), nullptr, 0) > 0x7fffffff)
+          put(i, "int(" + t.text + "u)");  // its bits
+        else
+          put(i, whole || t.text.ends_with('f') || t.text.ends_with('F') ? t.text : t.text + "f");
       } else if (t.kind == Kind::kMark) {
         i = mark(i);
       } else if (isPrecision(t.text)) {
@@ -335,36 +413,69 @@ class Translator {
         condition(i, i + 2, close);
         put(i, ")");
         i = close;
-      } else if (t.text == "discard" || std::ranges::any_of(kOfPictures, [&](auto name) { return t.text.starts_with(name); })) {
+      } else if (t.text == "struct") {
+        i = structure(i) - 1;
+      } else if (t.text == "const" && (isType(i + 1) || isPrecision(tokens_[std::min(i + 1, end - 1)].text))) {
+        while (isPrecision(tokens_[i + 1].text)) ++i;
+        i = typed(i + 1, end, true) - 1;
+      } else if (t.text == "switch") {
+        switch_ = closing(tokens_, i + 1) + 1;
+        put(i, t.text);
+      } else if (t.text == "discard" || t.text.starts_with("gl_") || isOfPictures(i)) {
         refuse(i, "'" + t.text + "' belongs to pictures: a height depends on its arguments alone");
       } else if (std::ranges::find(kOblong, t.text) != kOblong.end()) {
         refuse(i, "heights have square matrices only, no '" + t.text + "'; write it with vectors");
       } else if (isType(i) && i + 1 < end && !is(i + 1, "(")) {
-        i = declared(i, false) - 1;
+        i = typed(i, end, false) - 1;
       } else {
         if (is(i + 1, "(")) hand(i);
-        put(i, renamed(t.text));
+        put(i, called(t.text));
       }
     }
   }
 
+  bool isOfPictures(std::size_t i) const {
+    return is(i + 1, "(") && !functions_.contains(tokens_[i].text) &&
+           std::ranges::any_of(kOfPictures, [&](std::string_view name) { return tokens_[i].text.starts_with(name); });
+  }
+
+  // Whether a statement begins here.
+  bool isStatement(std::size_t i) const {
+    if (i == 0 || is(i - 1, ";") || is(i - 1, "{") || is(i - 1, "}") || is(i - 1, "else") || is(i - 1, "do")) return true;
+    if (is(i - 1, ")")) {
+      const std::size_t open = opening(i - 1);
+      return open > 0 && (is(open - 1, "if") || is(open - 1, "for") || is(open - 1, "while"));
+    }
+    if (!is(i - 1, ":")) return false;
+    for (std::size_t k = i - 1; k > 0 && !is(k - 1, ";") && !is(k - 1, "{") && !is(k - 1, "}"); --k)
+      if (is(k - 1, "case") || is(k - 1, "default")) return true;
+    return false;
+  }
+
   // Several components that a call writes: the function has a copy of them, which goes back at the end of the statement.
   void hand(std::size_t call) {
-    const auto written = written_.find(tokens_[call].text);
-    if (written == written_.end()) return;
+    const auto [first, last] = written_.equal_range(tokens_[call].text);
+    if (first == last) return;
     const std::size_t close = closing(tokens_, call + 1);
-    const bool isStatement = call > 0 &&
-                             (is(call - 1, ";") || is(call - 1, "{") || is(call - 1, "}") || is(call - 1, ")") || is(call - 1, "else")) &&
-                             is(close + 1, ";");
-    std::size_t k = 0;
-    for (const std::size_t end : elements(call + 1, close)) {
-      if (k < written->second.size() && written->second[k] && is(end - 2, ".") && selected(end - 2).size() > 1) {
-        handed_.insert(end - 2);
-        if (!isStatement)
-          refuse(end - 2, "where a call's result is used it cannot write several components (." + tokens_[end - 1].text +
-                              "); give it a variable of its own");
-      }
-      ++k;
+    const std::vector<std::size_t> ends = elements(call + 1, close);
+    std::size_t begin = call + 2;
+    for (std::size_t k = 0; k < ends.size(); begin = ends[k++] + 1) {
+      bool writes = false, reads = false;
+      for (auto f = first; f != last; ++f)
+        if (f->second.size() == ends.size()) (f->second[k] ? writes : reads) = true;
+      if (!writes) continue;
+      std::size_t from = begin, to = ends[k];
+      for (; is(from, "(") && closing(tokens_, from) + 1 == to; ++from) --to;
+      const std::size_t whole = to;
+      while (is(to - 1, "]")) to = opening(to - 1);
+      if (to < from + 3 || !is(to - 2, ".") || selected(to - 2).size() < 2) continue;
+      if (to != whole)
+        assigned_.insert(to - 2);  // one of them
+      else if (isStatement(call) && is(close + 1, ";"))
+        handed_.insert(to - 2);
+      else if (!reads)
+        refuse(to - 2, "where a call's result is used it cannot write several components (." + tokens_[to - 1].text +
+                           "); give it a variable of its own");
     }
   }
 
@@ -374,21 +485,26 @@ class Translator {
     return swizzle(tokens_[dot + 1].text).value_or(std::vector<int>());
   }
 
-  // Whether the components that are selected up to `after` are assigned to, they or one of them: p.xz *= m, p.xz[0] = 1.0.
+  // Whether the components that are selected up to `after` are assigned to, they or one of them: p.xz *= m, (p.xz)[0] = 1.0.
   bool areAssigned(std::size_t dot, std::size_t after) const {
-    while (is(after, "[")) after = closing(tokens_, after) + 1;
-    if (after < tokens_.size() && isAssignment(tokens_[after].text)) return true;
     std::size_t begin = dot;  // of a.b[i].xz
-    while (begin > 0 && (isName(begin - 1) || is(begin - 1, ".") || is(begin - 1, "]")))
-      begin = is(begin - 1, "]") ? opening(begin - 1) : begin - 1;
-    return begin > 0 && (is(begin - 1, "++") || is(begin - 1, "--"));
+    while (begin > 0 && (isName(begin - 1) || is(begin - 1, ".") || is(begin - 1, "]") || is(begin - 1, ")")))
+      begin = isName(begin - 1) || is(begin - 1, ".") ? begin - 1 : opening(begin - 1);
+    for (;;) {
+      while (is(after, "[")) after = closing(tokens_, after) + 1;
+      const bool isCall = begin > 1 && isName(begin - 2) && !is(begin - 2, "return") && !is(begin - 2, "else") && !is(begin - 2, "do");
+      if (begin == 0 || !is(begin - 1, "(") || !is(after, ")") || isCall) break;
+      --begin, ++after;
+    }
+    return (after < tokens_.size() && isAssignment(tokens_[after].text)) || (begin > 0 && (is(begin - 1, "++") || is(begin - 1, "--")));
   }
+  // Of the bracket that closes here.
   std::size_t opening(std::size_t close) const {
     std::size_t depth = 1;
     while (close > 0 && depth > 0) {
       --close;
-      depth += is(close, "]") ? 1u : 0u;
-      depth -= is(close, "[") ? 1u : 0u;
+      depth += is(close, "]") || is(close, ")") || is(close, "}") ? 1u : 0u;
+      depth -= is(close, "[") || is(close, "(") || is(close, "{") ? 1u : 0u;
     }
     return close;
   }
@@ -410,6 +526,12 @@ class Translator {
       refuse(i, "the operator ^^ is not available for heights; for two bools a ^^ b is a != b");
     } else if (t == ".") {
       return selection(i);
+    } else if (t == "{") {
+      scopes_.emplace_back().isSwitch = i == switch_;
+      put(i, t);
+    } else if (t == "}") {
+      scopes_.pop_back();
+      put(i, t);
     } else {
       put(i, t);
     }
@@ -419,13 +541,14 @@ class Translator {
   std::size_t selection(std::size_t dot) {
     std::vector<int> parts = selected(dot);
     if (parts.empty()) {
-      put(dot, ".");
-      return dot;
+      put(dot, isName(dot + 1) ? "." + renamed(tokens_[dot + 1].text) : ".");  // a member
+      return isName(dot + 1) ? dot + 1 : dot;
     }
     std::size_t last = dot + 1;
-    bool isHanded = handed_.contains(dot);
+    bool isHanded = handed_.contains(dot), isAssigned = assigned_.contains(dot);
     for (std::vector<int> next; parts.size() > 1 && is(last + 1, ".") && !(next = selected(last + 1)).empty(); last += 2) {
       isHanded |= handed_.contains(last + 1);
+      isAssigned |= assigned_.contains(last + 1);
       std::vector<int> both;
       for (const int k : next) both.push_back(parts[std::min(static_cast<std::size_t>(k), parts.size() - 1)]);
       parts = std::move(both);
@@ -434,7 +557,7 @@ class Translator {
       put(dot, std::string(".") + "xyzw"[parts[0]]);
       return last;
     }
-    std::string text = isHanded ? ".handed<" : areAssigned(dot, last + 1) ? ".assigned<" : ".swizzle<";
+    std::string text = isHanded ? ".handed<" : isAssigned || areAssigned(dot, last + 1) ? ".assigned<" : ".swizzle<";
     for (const int k : parts) text.append(text.ends_with('<') ? "" : ",").append(std::to_string(k));
     put(dot, text + ">()");
     return last;
@@ -444,8 +567,15 @@ class Translator {
   const std::vector<Token>& tokens_;
   const std::vector<TopLevel>& items_;
   std::set<std::string> structs_{"Place", "Corners"}, members_{"cell", "at", "slope", "height", "h00", "h10", "h01", "h11"}, wanted_;
-  std::map<std::string, std::vector<bool>> written_{{"modf", {false, true}}};
-  std::set<std::size_t> handed_;  // dots
+  std::set<std::string> functions_;
+  std::multimap<std::string, std::vector<bool>> written_{{"modf", {false, true}}};  // of each overload
+  std::set<std::size_t> handed_, assigned_;                                         // dots
+  struct Scope {
+    std::map<std::string, std::string> names;  // of variables, and in C++
+    bool isSwitch = false;
+  };
+  std::vector<Scope> scopes_;
+  std::size_t renamings_ = 0, switch_ = 0;
   std::map<std::string, double> sizes_;
   Translation out_;
   std::size_t line_ = 0, emitted_ = 0;

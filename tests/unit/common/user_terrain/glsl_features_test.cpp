@@ -174,6 +174,57 @@ constexpr Feature kFeatures[] = {
      "distance(p.x, 1.0);"},
     {"words of C++", "float union1(float template1, float delete) { return min(template1, delete); }\n",
      "float new = p.x, not_eq = 2.0, and = p.y; return union1(new, and) + not_eq;"},
+    {"names in their own initialisers", "struct Hit { float d; };\nHit hit(vec2 p) { return Hit(p.x * 2.0); }\nconst float K = 3.0;\n",
+     "float d = length(p); if (d > 1.0) { float d = d - 1.0; p.x += d; } float length = length(p); Hit hit = hit(p); { float K = K * p.x, "
+     "e = K + 1.0; p.y += e; } float a[2] = float[2](1.0, p.x); { float a[2] = float[2](a[1] * 2.0, a[0]); d += a[0] + a[1]; } int n = 2; "
+     "for "
+     "(int n = n + 1; n < 6; n++) d += float(n); return d + length + hit.d + p.x + p.y + K + float(n);"},
+    {"bounds that are shadowed",
+     "const int MANY = 3;\nfloat ring(float v, int MANY) { float s = 0.0; for (int i = 0; i < MANY; i++) s += v; return s; }\n",
+     "float s = ring(p.x, 7); const int MANY = 6; for (int i = 0; i < MANY; i++) s += p.y; return s;"},
+    {"whole numbers of 32 bits", "float kind(int v) { return 1.0; }\nfloat kind(uint v) { return 2.0; }\n",
+     "return float(0x80000000 >> 28) + float(0xC0000000) * 1e-9 + (0xffffffff < 0 ? p.x : p.y) + kind(0xfffffff0) + float(3000000000) * "
+     "1e-9 + "
+     "float(0x80000000u >> 28u);"},
+    {"overloads of the program's functions", "float wave(int n) { return float(n) * 100.0; }\nfloat plainNoise(float v) { return v; }\n",
+     "return wave(p.x * 0.3) + wave(2) + plainNoise(p.y);"},
+    {"selections in brackets", "",
+     "vec3 q = vec3(p, 1.0); (q.xz) = p; (q.xz)[1] += p.y; (q.zy[0]) += 3.0; ((q.yx)) *= 2.0; (q.xz[0])++; ++(q.zy); (q.xy)--; return "
+     "dot(q, vec3(1, 2, 4));"},
+    {"one of several handed on", "void inc(inout float v) { v += 3.0; }\nvoid both(inout vec2 v) { v = v.yx + 1.0; }\n",
+     "vec3 q = vec3(p, 1.0); inc(q.zx[1]); inc(q.xyz.yz[0]); both((q.xz)); float r = p.x; if (r > 0.0) both(q.yz); for (int i = 0; i < 2; "
+     "i++) both(q.zy); do both(q.xy); "
+     "while (r++ < 0.0); switch (int(r > 1.0)) { case 0: both(q.zx); break; default: both(q.xy); } return dot(q, vec3(1, 2, 4));"},
+    {"overloads that write or not", "float turn(vec2 v) { return v.x; }\nfloat turn(inout vec3 v) { v *= 2.0; return v.y; }\n",
+     "vec4 q = vec4(p, 1.0, 2.0); float a = turn(q.xz) + turn(q.wy); turn(q.zxy); turn(q.xy); return a + dot(q, vec4(1, 2, 4, 8));"},
+    {"vectors divided", "",
+     "vec2 v = p + 9.0; v /= p + 7.0; vec3 w = vec3(p, 3.0); w /= dot(v, v) + 1.0; w /= 2.0; ivec2 c = ivec2(p + 40.0); c /= 3; c %= 7; "
+     "return dot(w, vec3(1, 2, 4)) + v.x + float(c.x + c.y);"},
+    {"several declared at once",
+     "struct Grid { float w[3], bias; vec2 at[2], c; };\nconst float A = 1.0, B[2] = float[2](2.0, 3.0), C = 4.0;\n",
+     "float a[3], b = 2.0, c[2]; a[0] = p.x; a[2] = b; c[1] = p.y; float[2] d = float[2](1.0, p.x), e = d; Grid g; g.w[1] = p.x; g.bias = "
+     "1.0; g.at[1] = p; g.c = p.yx; "
+     "return a[0] + a[2] + c[1] + float(a.length() + c.length()) + e[1] + g.w[1] + g.bias + g.at[1].y + g.c.x + A + B[1] + C;"},
+    {"declared between cases", "",
+     "float r = 0.0; switch (int(floor(p.x))) { case 0: float a = p.y; r = a; break; case 1: const vec2 b = vec2(2.0); r = b.x * p.x; break; "
+     "default: float c[2] = float[2](p.x, 3.0); r = c[0] + c[1]; } return r;"},
+    {"counters that are changed", "void skip(inout int n) { n += 1; }\n",
+     "float s = 0.0; for (int i = 0; i < 9; i++) { skip(i); s += float(i) * p.x; } for (int j = 0; j < 9; j++) { (j)++; s += p.y; } for "
+     "(int k = 0; k < 4; k++) { { int k = k * 2; s += float(k); } } return s;"},
+    {"a struct of a function", "",
+     "struct Part { float weight; vec2 at[2]; } ; Part a, b; a.weight = 1.0; a.at[0] = p; a.at[1] = p.yx; b = a; Part l[2] = Part[2](a, "
+     "b); b.weight = floor(p.x); return (a == b ? 3.0 : 4.0) + l[1].at[1].x + l[0].weight;"},
+    {"names like textures'", "float textureOf(vec2 q) { return q.x; }\nstruct friend { vec2 a; };\n",
+     "float textured = 2.0, fwidthScale = 3.0; friend f[2]; f[1].a = p; return textureOf(p) * textured + fwidthScale + f[1].a.y;"},
+    {"sizes that are computed", "const int N = 6;\nfloat sum(float a[max(2, 3)], float s) { return a[0] + a[2] * s; }\n",
+     "float a[N >> 1]; float b[N > 4 ? 3 : 2]; a[2] = p.x; a[0] = 1.0; b[2] = p.y; return sum(a, 2.0) + b[2] + float(a.length() * 10 + "
+     "b.length());"},
+    {"shifts of mixed signs", "",
+     "uvec2 u = uvec2(floor(p) + 9.0) << ivec2(1, 2); u >>= ivec2(1, 0); ivec3 c = ivec3(floor(vec3(p, 9.0)) + 8.0); c.zx <<= uvec2(1u, "
+     "3u); return float(u.x + u.y) + float(c.x + c.z);"},
+    {"matrices counted", "",
+     "mat2 m = mat2(p, 1.0, 2.0); mat2 b = m++; ++m; --m; m = +m; vec4 v = vec4(b); m += mat2(ivec4(1, 2, 3, 4)); return dot(m * p, "
+     "vec2(1)) + dot(v, vec4(1, 2, 4, 8)) + float(bool(floor(p)));"},
     {"scalars first", "",
      "return dot(2.0 / (p + 9.0) - 1.0 + 3.0 * p, vec2(1, 2)) + float((7 & ivec2(floor(p))).x + (1 | ivec2(2)).y + (5 ^ "
      "ivec2(floor(p))).y);"},
@@ -250,6 +301,10 @@ TEST_F(Features, WhatHeightsLackIsRefusedInASentenceWithItsLine) {
       HasSubstr("feature.glsl:4: where a call's result is used it cannot write several components (.xz); give it a variable of its own"));
   EXPECT_THAT(refusal("", "q.xx = vec2(1.0); return q.x;"), HasSubstr("feature.glsl:3: "));
   EXPECT_THAT(refusal("", "float a = 1.0; \\ \nreturn a;"), HasSubstr("feature.glsl:3: a backslash"));
+  EXPECT_THAT(refusal("struct Ray { vec2 o; float t; };\n", "Ray r = Ray(fraction, 1.0); return r.t + q.xy.t;"),
+              HasSubstr("feature.glsl:4: this GLSL has no counterpart for heights: a struct has a member named 't'"));
+  EXPECT_THAT(refusal("", "float a[int(floor(4.7))]; a[0] = 1.0; return a[0];"),
+              HasSubstr("feature.glsl:3: this GLSL has no counterpart for heights: write it in simpler GLSL"));
 }
 
 }  // namespace
