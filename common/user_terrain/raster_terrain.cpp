@@ -147,7 +147,7 @@ Outcome<void> replace(const std::string& name, const Missing& missing, const Ras
                  std::to_string(missing.x) + ", row " + std::to_string(missing.z) +
                  ": say what stands there with --raster nodata=METRES, or fill them from their neighbours with nodata=fill"};
   const auto instead = static_cast<std::int32_t>(std::llround(*options.noData * lattice::kStepsPerMetre));
-  for (std::uint32_t z = missing.z; z < samples.height(); ++z) std::ranges::replace(samples.row(z), kMissing, instead);
+  for (std::uint32_t z = 0; z < samples.height(); ++z) std::ranges::replace(samples.row(z), kMissing, instead);
   return {};
 }
 
@@ -261,6 +261,9 @@ Outcome<std::shared_ptr<const Map>> read(const std::filesystem::path& path, cons
   if (!samples) return Error{name + ": " + samples.error().message};
   const auto missing = readSamples(name, **file, options, *samples);
   if (!missing) return missing.error();
+  if (const std::uint64_t mixed = missing->count == 0 ? 0 : dropMixed(*samples))
+    header.read += (header.read.empty() ? "" : "; ") + std::to_string(mixed) +
+                   " samples beside missing ones were interpolated with the NoData value, and count as missing";
   if (auto replaced = replace(name, *missing, options, *samples); !replaced) return replaced.error();
   const std::uint64_t taken = used + bytes;
   std::optional<Drape> drape;

@@ -5,6 +5,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdlib>
 #include <filesystem>
@@ -12,6 +13,8 @@
 #include <system_error>
 #include <utility>
 #include <vector>
+
+#include "common/lattice/lattice.h"
 
 namespace ridgecast::user_terrain {
 namespace {
@@ -96,6 +99,49 @@ class Filling {
 bool fillMissing(Samples& samples) {
   // After the first pass a row that had a known sample has no missing one; so the second finds one in every column.
   return Filling(samples).pass() || Filling(samples).pass();
+}
+
+std::uint64_t dropMixed(Samples& samples) {
+  const std::uint32_t width = samples.width(), height = samples.height();
+  // Whether a hole is so near in its row, of the rows around one.
+  std::array<std::vector<std::uint8_t>, 2 * kMixed + 1> beside;
+  const auto look = [&](std::uint32_t z) {
+    const auto row = samples.row(z);
+    auto& out = beside[z % beside.size()];
+    out.assign(width, 0);
+    for (std::uint32_t x = 0; x < width; ++x)
+      if (row[x] == kMissing)
+        for (std::uint32_t k = x < kMixed ? 0 : x - kMixed; k < std::min(x + kMixed + 1, width); ++k) out[k] = 1;
+  };
+  // Calls f(sample) of each that is there with whether it is beside a hole.
+  const auto each = [&](auto&& f) {
+    for (std::uint32_t z = 0; z < std::min(kMixed, height); ++z) look(z);
+    for (std::uint32_t z = 0; z < height; ++z) {
+      if (z + kMixed < height) look(z + kMixed);
+      const auto row = samples.row(z);
+      for (std::uint32_t x = 0; x < width; ++x) {
+        bool isBeside = false;
+        for (std::uint32_t k = z < kMixed ? 0 : z - kMixed; k < std::min(z + kMixed + 1, height); ++k)
+          isBeside |= beside[k % beside.size()][x] != 0;
+        if (row[x] != kMissing) f(row[x], isBeside);
+      }
+    }
+  };
+  constexpr std::int32_t kNone = kMissing;
+  std::int64_t lowest = std::numeric_limits<std::int64_t>::max(), highest = kNone, lowestBeside = lowest, highestBeside = kNone;
+  each([&](std::int32_t v, bool isBeside) {
+    auto& least = isBeside ? lowestBeside : lowest;
+    auto& most = isBeside ? highestBeside : highest;
+    least = std::min<std::int64_t>(least, v);
+    most = std::max<std::int64_t>(most, v);
+  });
+  const std::int64_t margin = std::max<std::int64_t>(highest - lowest, std::int64_t{100} * lattice::kStepsPerMetre);
+  if (highest == kNone || (lowestBeside >= lowest - margin && highestBeside <= highest + margin)) return 0;
+  std::uint64_t dropped = 0;
+  each([&](std::int32_t& v, bool isBeside) {
+    if (isBeside) v = kMissing, ++dropped;
+  });
+  return dropped;
 }
 
 Outcome<Samples> Samples::create(std::uint32_t width, std::uint32_t height, std::uint64_t inMemory) {

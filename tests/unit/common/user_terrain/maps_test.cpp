@@ -128,6 +128,30 @@ TEST_F(Maps, MasksAreHoles) {
     judge(c);
 }
 
+// Interpolated with -9999 as a height, as tools do that do not know of it, and then said to have holes again.
+TEST_F(Maps, SamplesMixedWithNoDataCountAsMissing) {
+  // A hole of 100 m x 90 m.
+  shell(
+      "gdal_translate -q -a_nodata none plain.tif bare.tif; gdal_translate -q -srcwin 20 10 10 9 -scale 0 9999 -9999 -9999 plain.tif "
+      "hole.tif; gdalwarp -q hole.tif bare.tif");
+  for (const char* how : {"bilinear", "cubic", "lanczos"}) {
+    shell("rm -rf map* && gdalwarp -q -overwrite -r " + std::string(how) +
+          " -te 680003 5240004 680397 5240296 -tr 10 10 -srcnodata none bare.tif map.tif");
+    for (const char* nodata : {"nodata=fill", "nodata=-50"}) {
+      const auto loaded = load("map.tif", {"missing=-9999", nodata});
+      ASSERT_TRUE(loaded) << loaded.error().message;
+      EXPECT_THAT(describe(*(*loaded)->raster()), HasSubstr("samples beside missing ones were interpolated with the NoData value")) << how;
+      EXPECT_GE((*loaded)->raster()->shape().lowest, (nodata == std::string("nodata=fill") ? 900 : -50) * 256) << how;
+      EXPECT_LE((*loaded)->raster()->shape().highest, 1300 * 256) << how;
+    }
+  }
+  // A rim that is steep and no more is the ground's own.
+  shell("gdal_translate -q holes.tif map.tif");
+  const auto loaded = load("map.tif", {"nodata=fill"});
+  ASSERT_TRUE(loaded);
+  EXPECT_THAT(describe(*(*loaded)->raster()), testing::Not(HasSubstr("beside missing")));
+}
+
 TEST_F(Maps, UnitsScalesAndOffsetsAreApplied) {
   const auto feet = [](double h) { return h * 0.3048; };
   const auto surveyFeet = [](double h) { return h * 12 / 39.37; };
