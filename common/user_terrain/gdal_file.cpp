@@ -172,7 +172,7 @@ class Reading {
   }
 
   // Nothing is read that the map's folder does not have.
-  Outcome<void> judgeFiles() const {
+  Outcome<void> judgeFiles() {
     std::error_code failed;
     const path home =
         std::filesystem::weakly_canonical(std::filesystem::is_directory(file_, failed) ? file_ : file_.parent_path() / ".", failed);
@@ -185,6 +185,7 @@ class Reading {
       if (failed || other.starts_with("/vsi") || !isInside)
         return error("it reads " + other + ", which is not in its folder: put what it needs there");
       if (auto fine = judgeVirtual(at); !fine) return fine;
+      sources_.push_back(at);
     }
     return std::filesystem::is_directory(file_, failed) ? Outcome<void>() : judgeVirtual(file_);
   }
@@ -333,6 +334,7 @@ class Reading {
       known = std::move(*opened);
     }
     const double opaque = alpha_.empty() ? 255 : header_.white;
+    header_.sources = sources_;
     header_.read = "read by GDAL as " + info_.value("driverShortName", std::string("?")) + (said_.empty() ? "" : ": " + said_);
     return std::unique_ptr<RasterFile>(
         std::make_unique<GdalFile>(std::move(*tools_.takeScratch()), std::move(header_), std::move(*own), std::move(known), opaque));
@@ -346,6 +348,7 @@ class Reading {
   const bool isPicture_;
   Tools tools_;
   path source_;  // the file, or a mosaic of a folder
+  std::vector<path> sources_;
   Json info_;
   RasterHeader header_;
   std::string said_;

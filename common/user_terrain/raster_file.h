@@ -29,17 +29,18 @@ inline constexpr std::uint64_t kMostRowBytes = std::uint64_t{256} << 20;
 inline constexpr std::uint64_t kMostUnpacked = 2000, kBelieved = std::uint64_t{512} << 20;
 
 struct RasterHeader {
-  std::uint32_t width = 0, height = 0;      // samples
-  std::optional<double> noData;             // the value of missing samples
-  std::optional<double> pitch;              // metres from column to column, if the file states it in a unit that is known
-  double pitchDown = 0;                     // and from row to row, if there is a pitch
-  std::optional<double> easting, northing;  // of the first sample, metres
-  std::uint16_t epsg = 0;                   // of the projected coordinate system; 0: unknown
-  std::string crs;                          // of one without such a number, for PROJ; empty: unknown
-  std::optional<DegreeGrid> degrees;        // instead of the pitch and the place, if the file is in degrees
-  double heightUnit = 1;                    // metres
-  std::string unread;                       // what the file says beyond that, as the beginning of a sentence; empty: nothing
-  std::string read;                         // how it was read, where that is not plain
+  std::uint32_t width = 0, height = 0;         // samples
+  std::optional<double> noData;                // the value of missing samples
+  std::optional<double> pitch;                 // metres from column to column, if the file states it in a unit that is known
+  double pitchDown = 0;                        // and from row to row, if there is a pitch
+  std::optional<double> easting, northing;     // of the first sample, metres
+  std::uint16_t epsg = 0;                      // of the projected coordinate system; 0: unknown
+  std::string crs;                             // of one without such a number, for PROJ; empty: unknown
+  std::optional<DegreeGrid> degrees;           // instead of the pitch and the place, if the file is in degrees
+  double heightUnit = 1;                       // metres
+  std::string unread;                          // what the file says beyond that, as the beginning of a sentence; empty: nothing
+  std::string read;                            // how it was read, where that is not plain
+  std::vector<std::filesystem::path> sources;  // other files that it was made of, and the folder
 
   // Of a picture:
   std::uint16_t bands = 1;       // red, green, blue and perhaps another, a pixel

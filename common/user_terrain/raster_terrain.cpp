@@ -32,6 +32,7 @@ struct Map {
   std::int32_t constant;
   terrain::RasterOrigin origin;
   std::optional<Drape> drape;
+  std::vector<std::filesystem::path> sources;  // RasterHeader
   std::uint64_t bytes() const { return samples.bytes() + (drape ? drape->bytes() : 0); }
 };
 
@@ -239,7 +240,7 @@ Outcome<std::shared_ptr<const Map>> finished(const std::string& name, Samples sa
     origin.drape = drape->describe();
   }
   return std::shared_ptr<const Map>(
-      std::make_shared<Map>(Map{std::move(samples), shape, options.edge, constant, std::move(origin), std::move(drape)}));
+      std::make_shared<Map>(Map{std::move(samples), shape, options.edge, constant, std::move(origin), std::move(drape), header.sources}));
 }
 
 // `used`: bytes of the other maps in use.
@@ -280,9 +281,10 @@ Outcome<std::shared_ptr<const Map>> read(const std::filesystem::path& path, cons
   auto made =
       onPlane(name, *samples, *header.degrees, options.pitch, limits.inMemory - std::min(taken, limits.inMemory), limits.total - taken);
   if (!made) return made.error();
-  const std::string how = header.read;
-  header = RasterHeader();
-  header.read = how;
+  RasterHeader ofPlane;
+  ofPlane.read = header.read;
+  ofPlane.sources = header.sources;
+  header = std::move(ofPlane);
   header.width = made->samples.width();
   header.height = made->samples.height();
   header.pitch = header.pitchDown = made->pitch;
@@ -304,11 +306,11 @@ class Maps {
     for (const Entry& entry : inUse()) {
       auto map = entry.map.lock();
       if (!map) continue;
-      if (entry.key == key) return map;
+      if (entry.key == key && entry.sources == versionsOf(*map)) return map;
       used += map->bytes();
     }
     auto made = read(path, options, limits, used);
-    if (made) entries_.push_back({key, *made});
+    if (made) entries_.push_back({key, *made, versionsOf(**made)});
     return made;
   }
   std::uint64_t bytes() {
@@ -330,7 +332,13 @@ class Maps {
   struct Entry {
     Key key;
     std::weak_ptr<const Map> map;
+    std::vector<Version> sources;
   };
+  static std::vector<Version> versionsOf(const Map& map) {
+    std::vector<Version> out;
+    for (const auto& source : map.sources) out.push_back(versionOf(source));
+    return out;
+  }
   static Version versionOf(const std::filesystem::path& path) {
     struct stat s {};
     if (stat(path.c_str(), &s) != 0) return {};  // opening it says why

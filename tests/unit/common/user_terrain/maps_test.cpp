@@ -128,6 +128,23 @@ TEST_F(Maps, MasksAreHoles) {
     judge(c);
 }
 
+// While somebody uses it: a map is read once, but a source that has another content makes another map.
+TEST_F(Maps, VirtualMapsAndFoldersAreReadAgainWhenASourceChanges) {
+  shell("rm -rf map* && mkdir mapdir && cp plain.tif mapdir/a.tif && gdal_translate -q -of VRT plain.tif map.vrt");
+  for (const auto& [file, source] : {std::pair{"map.vrt", "plain.tif"}, {"mapdir", "mapdir/a.tif"}}) {
+    SCOPED_TRACE(file);
+    const auto first = load(file, {"place=geo"}), second = load(file, {"place=geo"});
+    ASSERT_TRUE(first && second) << first.error().message;
+    EXPECT_EQ((*first)->raster()->shape().content, (*second)->raster()->shape().content);
+    shell("cp " + std::string(source) + " kept.tif; gdal_translate -q -scale 0 1000 1 1001 -ot Float32 kept.tif new.tif; mv new.tif " +
+          std::string(source));
+    const auto changed = load(file, {"place=geo"});
+    ASSERT_TRUE(changed);
+    EXPECT_EQ((*changed)->raster()->shape().lowest, (*first)->raster()->shape().lowest + 256);
+    shell("mv kept.tif " + std::string(source));
+  }
+}
+
 // Interpolated with -9999 as a height, as tools do that do not know of it, and then said to have holes again.
 TEST_F(Maps, SamplesMixedWithNoDataCountAsMissing) {
   // A hole of 100 m x 90 m.
