@@ -3,6 +3,7 @@
 // They run with limits, may open no address on a network, and the files they read lie in the map's folder.
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <string_view>
 #include <utility>
@@ -17,6 +18,11 @@
 
 namespace ridgecast::user_terrain {
 namespace {
+
+bool isArchive(const std::filesystem::path& file) {
+  constexpr std::array<std::string_view, 9> kEndings = {".zip", ".tar", ".gz", ".tgz", ".bz2", ".xz", ".zst", ".7z", ".rar"};
+  return std::ranges::find(kEndings, file.extension().string()) != kEndings.end();
+}
 
 using Json = nlohmann::json;
 using std::filesystem::path;
@@ -136,7 +142,8 @@ class Reading {
   Outcome<std::unique_ptr<RasterFile>> open() {
     if (auto made = mosaic(); !made) return made.error();
     const auto printed = tools_.run("gdalinfo", {"-json", source_.string()});
-    if (!printed) return Error{name_ + ": GDAL cannot read it (" + printed.error().message + ")"};
+    if (!printed && isArchive(file_)) return error("this is an archive: unpack it, and give the map in it, or the folder of its maps");
+    if (!printed) return error("GDAL cannot read it (" + printed.error().message + ")");
     info_ = Json::parse(*printed, nullptr, false);
     if (!info_.is_object() || !info_.contains("bands") || !info_.contains("size"))
       return Error{name_ + ": GDAL's programs describe it in a way that is not understood"};

@@ -307,6 +307,8 @@ TEST_F(Maps, WhatIsNotInMetresOnTheGroundIsRefusedWithWhatToDo) {
   EXPECT_THAT(refusal("gdal_translate -q -ot UInt16 -scale 0 2000 65535 65535 plain.tif map.tif"), HasSubstr("missing=65535"));
   EXPECT_THAT(refusal("gdal_translate -q -ot CFloat32 -of VRT plain.tif map.vrt", "map.vrt"), HasSubstr("complex"));
   EXPECT_THAT(refusal("printf 'no map' > map.bin", "map.bin"), HasSubstr("GDAL cannot read it"));
+  for (const std::string archive : {"map.zip", "map.tar.gz", "map.tgz"})
+    EXPECT_THAT(refusal("tar czf " + archive + " plain.tif", archive), HasSubstr("this is an archive: unpack it"));
   EXPECT_THAT(
       refusal("printf 'ncols 4\\nnrows 2\\nxllcorner -20\\nyllcorner 40\\ncellsize 0.25\\n1 2 3 4\\n5 6 7 8\\n' > map.asc", "map.asc"),
       HasSubstr("degrees or metres"));
