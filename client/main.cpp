@@ -356,6 +356,9 @@ Run snapshotCommand(CLI::App& command) {
   command.add_option("--origin", shot->origin, "where the file's coordinates begin: cell, centre (of the box, or the camera) or world")
       ->check(CLI::IsMember({"cell", "centre", "world"}).description(""))
       ->capture_default_str();
+  command.add_option("--up", shot->up, "the axis that is up in a .ply or .obj: y, or z, with y north")
+      ->check(CLI::IsMember({"y", "z"}).description(""))
+      ->capture_default_str();
   command
       .add_option("--texture", shot->texture,
                   "colours as a picture with this many pixels along the box's longer side, in a .glb; default: colours of vertices")

@@ -41,6 +41,7 @@ struct SnapshotOptions {
   double colourError = 0;                                               // as of settings::Settings
   bool draco = false, normals = true, colours = true, metadata = false;
   std::string origin = "cell";  // as of server/snapshot/question.h
+  std::string up = "y";         // z: of a .ply or .obj
   std::uint32_t texture = 0;    // pixels; 0: none
   double timeout = 120;         // seconds
 };

@@ -1,6 +1,7 @@
 #include "server/snapshot/polygon_file.h"
 
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <charconv>
 #include <cmath>
@@ -64,10 +65,15 @@ double srgb(std::uint16_t linear) {
 }
 
 // The metadata, each line behind `mark`.
-std::string comments(const gltf::Document& document, const char* mark) {
-  std::string out = std::string(mark) + " Ridgecast: metres, +Y up, x east, -z north\n";
+std::string comments(const gltf::Document& document, bool isZUp, const char* mark) {
+  std::string out = std::string(mark) + " Ridgecast: metres, " + (isZUp ? "+Z up, x east, y north" : "+Y up, x east, -z north") + "\n";
   out += std::string(mark) + " " + document.extras + "\n";
   return out;
+}
+
+template <class T>
+std::array<T, 3> axes(const std::array<T, 3>& v, bool isZUp) {
+  return isZUp ? std::array<T, 3>{v[0], T{0} - v[2], v[1]} : v;  // no -0
 }
 
 template <class T>
@@ -82,8 +88,8 @@ void putNumber(std::string& out, double value) {
   out.append(" ").append(text, std::to_chars(text, text + sizeof text, value, std::chars_format::fixed).ptr);
 }
 
-std::string plyHead(const gltf::Document& document, const Welded& welded, bool narrow) {
-  std::string out = "ply\nformat binary_little_endian 1.0\n" + comments(document, "comment");
+std::string plyHead(const gltf::Document& document, bool isZUp, const Welded& welded, bool narrow) {
+  std::string out = "ply\nformat binary_little_endian 1.0\n" + comments(document, isZUp, "comment");
   out += "element vertex " + std::to_string(welded.vertices.size()) + "\n";
   for (const char* name : {"x", "y", "z"}) out += std::string("property ") + (narrow ? "float " : "double ") + name + "\n";
   if (welded.normals) out += "property float nx\nproperty float ny\nproperty float nz\n";
@@ -96,20 +102,21 @@ const Error kStopped{"nobody waits for the file any more"};
 
 }  // namespace
 
-Outcome<std::string> writePly(const gltf::Document& document, const std::stop_token& stop) {
+Outcome<std::string> writePly(const gltf::Document& document, bool isZUp, const std::stop_token& stop) {
   const auto welded = weld(document);
   if (!welded) return welded.error();
   constexpr Step kExact = Step{1} << 24;
   const bool narrow =
       std::ranges::all_of(welded->vertices, [](const Vertex& v) { return std::abs(v.x) <= kExact && std::abs(v.z) <= kExact; });
-  std::string out = plyHead(document, *welded, narrow);
+  std::string out = plyHead(document, isZUp, *welded, narrow);
   std::size_t written = 0;
   for (const Vertex& v : welded->vertices) {
     if (++written % kPatience == 0 && stop.stop_requested()) return kStopped;
     const gltf::Leaf& leaf = document.leaves[v.leaf];
-    for (const double p : {metres(v.x), metres(v.y), metres(v.z)}) narrow ? put(out, static_cast<float>(p)) : put(out, p);
+    for (const double p : axes(std::array{metres(v.x), metres(v.y), metres(v.z)}, isZUp))
+      narrow ? put(out, static_cast<float>(p)) : put(out, p);
     if (welded->normals)
-      for (const float n : leaf.normals[v.index]) put(out, n);
+      for (const float n : axes(leaf.normals[v.index], isZUp)) put(out, n);
     if (welded->colours)
       for (const std::uint16_t c : leaf.colours[v.index]) put(out, static_cast<std::uint8_t>(std::lround(srgb(c) * 255)));
   }
@@ -121,22 +128,22 @@ Outcome<std::string> writePly(const gltf::Document& document, const std::stop_to
   return {boost::system::in_place_value, std::move(out)};
 }
 
-Outcome<std::string> writeObj(const gltf::Document& document, const std::stop_token& stop) {
+Outcome<std::string> writeObj(const gltf::Document& document, bool isZUp, const std::stop_token& stop) {
   const auto welded = weld(document);
   if (!welded) return welded.error();
-  std::string out = comments(document, "#"), normals;
+  std::string out = comments(document, isZUp, "#"), normals;
   std::size_t written = 0;
   for (const Vertex& v : welded->vertices) {
     if (++written % kPatience == 0 && stop.stop_requested()) return kStopped;
     const gltf::Leaf& leaf = document.leaves[v.leaf];
     out += "v";
-    for (const double p : {metres(v.x), metres(v.y), metres(v.z)}) putNumber(out, p);
+    for (const double p : axes(std::array{metres(v.x), metres(v.y), metres(v.z)}, isZUp)) putNumber(out, p);
     if (welded->colours)
       for (const std::uint16_t c : leaf.colours[v.index]) putNumber(out, std::round(srgb(c) * 10'000) / 10'000);
     out += "\n";
     if (!welded->normals) continue;
     normals += "vn";
-    for (const float n : leaf.normals[v.index]) putNumber(normals, std::round(n * 10'000.0) / 10'000);
+    for (const float n : axes(leaf.normals[v.index], isZUp)) putNumber(normals, std::round(n * 10'000.0) / 10'000);
     normals += "\n";
   }
   out += normals;

@@ -1,6 +1,6 @@
 #pragma once
-// A document of leaves as one polygon file, for programs that read no glTF. Axes, units and origin are those of the .glb
-// (common/gltf/glb.h). A vertex that leaves share is written once. Equal documents give equal bytes. Pure functions; any thread.
+// A document of leaves as one polygon file, for programs that read no glTF. Units and origin are those of the .glb (common/gltf/glb.h), and
+// so are the axes; with isZUp x is east, y north and z up, as programs for maps and CAD have them. A vertex that leaves share is written once. Equal documents give equal bytes. Pure functions; any thread.
 //
 //   PLY   binary, little-endian; positions are floats where those are exact (within 65 km of the file's origin), otherwise doubles;
 //         nx ny nz; red green blue, sRGB
@@ -15,7 +15,7 @@
 namespace ridgecast::snapshot {
 
 // Error: more vertices than 32 bits count, or `stop` was requested.
-Outcome<std::string> writePly(const gltf::Document& document, const std::stop_token& stop);
-Outcome<std::string> writeObj(const gltf::Document& document, const std::stop_token& stop);
+Outcome<std::string> writePly(const gltf::Document& document, bool isZUp, const std::stop_token& stop);
+Outcome<std::string> writeObj(const gltf::Document& document, bool isZUp, const std::stop_token& stop);
 
 }  // namespace ridgecast::snapshot

@@ -108,6 +108,12 @@ Outcome<Question> parse(std::string_view query, const Limits& limits, const terr
   out.format = format;
   if ((format == Format::kPly || format == Format::kObj) && (p.has("compression") || p.has("texture")))
     p.refuse("A PLY or OBJ file has neither compression nor a texture; leave them out, or ask for a .glb.");
+  if (const auto up = p.take("up")) {
+    out.isZUp = *up == "z";
+    if (*up != "y" && *up != "z") p.refuse("'up' is " + inQuotes(*up) + "; it must be y or z.");
+    if (out.isZUp && format != Format::kPly && format != Format::kObj)
+      p.refuse("glTF has y up; leave 'up' out, or ask for a .ply or an .obj.");
+  }
   const bool inTiles = format == Format::kTiles;
   if (inTiles && (p.has("texture") || p.has("origin")))
     p.refuse("Tiles have neither a texture nor an origin of their own; leave them out, or ask for a .glb.");
@@ -134,8 +140,8 @@ Outcome<Question> parse(std::string_view query, const Limits& limits, const terr
     out.colours = false;
   }
   if (auto error = p.finish("A snapshot is of camera=ID, of x, z, altitude, yaw, pitch, fov, width, height, threshold, colour_error, or of "
-                            "x0, z0, x1, z1, error, texture (or box=all in place of the corners); with compression, normals, colours and "
-                            "origin."))
+                            "x0, z0, x1, z1, error, texture (or box=all in place of the corners); with compression, normals, colours, "
+                            "origin and up."))
     return *error;
   return out;
 }
@@ -153,6 +159,7 @@ std::string canonical(const Question& q) {
   out += q.colours ? " colours" : "";
   if (q.format != Format::kGlb) out += q.format == Format::kPly ? " ply" : " obj";
   if (q.origin != Origin::kCell) out += q.origin == Origin::kCentre ? " centre" : " world";
+  if (q.isZUp) out += " z-up";
   if (q.texture) out += " texture " + std::to_string(q.texture);
   const auto add = [&](auto v) { out += ' ' + std::to_string(v); };
   const auto addExact = [&](double v) {  // every double has one shortest spelling

@@ -14,6 +14,7 @@
 //   origin=cell|centre|world                                 where the file's coordinates begin: the corner of the 4,096 m cell of the
 //                                                            camera or of the box's first corner (default), the camera or the middle of
 //                                                            the box, or the world's own origin
+//   up=y|z                                                   of a PLY or OBJ file: y (default), as in glTF, or z, with y north
 // Any other parameter is an error, so that a misspelt one is not silently ignored.
 
 #include <cstdint>
@@ -66,6 +67,7 @@ struct Question {
   Format format = Format::kGlb;  // by the name of the file, not by a parameter
   earth::Where where;            // of kTiles
   Origin origin = Origin::kCell;
+  bool isZUp = false;         // kPly, kObj
   std::uint32_t texture = 0;  // pixels; 0: none
   gltf::Compression compression = gltf::Compression::kNone;
   bool normals = true, colours = true;

@@ -288,8 +288,8 @@ gltf::Texture paint(const terrain::Terrain& terrain, const Made& made, std::uint
 }
 
 Outcome<std::string> write(const gltf::Document& document, const Question& question, const std::stop_token& stop, scheduling::Pool& pool) {
-  if (question.format == Format::kPly) return writePly(document, stop);
-  if (question.format == Format::kObj) return writeObj(document, stop);
+  if (question.format == Format::kPly) return writePly(document, question.isZUp, stop);
+  if (question.format == Format::kObj) return writeObj(document, question.isZUp, stop);
   return gltf::writeGlb(document, question.compression, stop, [&](std::size_t count, const auto& body) { pool.forEach(count, 8, body); });
 }
 

@@ -71,6 +71,11 @@ TEST(Question, OriginAndTexture) {
   EXPECT_EQ(parse(box, kLimits, nullptr, Format::kObj)->format, Format::kObj);
   for (const char* more : {"&texture=64", "&compression=draco"})
     EXPECT_THAT(parse(box + more, kLimits, nullptr, Format::kPly).error().message, HasSubstr("neither compression nor a texture"));
+  EXPECT_TRUE(parse(box + "&up=z", kLimits, nullptr, Format::kObj)->isZUp);
+  EXPECT_FALSE(parse(box + "&up=y", kLimits)->isZUp);
+  EXPECT_NE(canonical(*parse(box + "&up=z", kLimits, nullptr, Format::kPly)), canonical(*parse(box, kLimits, nullptr, Format::kPly)));
+  EXPECT_THAT(refusal(box + "&up=z"), HasSubstr("glTF has y up"));
+  EXPECT_THAT(refusal(box + "&up=x"), HasSubstr("it must be y or z"));
   EXPECT_EQ(formatOf("a.ply"), Format::kPly);
   EXPECT_EQ(formatOf("a.gltf"), std::nullopt);
 }

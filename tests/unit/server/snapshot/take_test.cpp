@@ -1,7 +1,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <array>
 #include <cmath>
+#include <cstring>
 #include <future>
 #include <map>
 #include <set>
@@ -227,6 +229,20 @@ TEST_F(TakeTest, OtherFilesHoldTheSameTriangles) {
   EXPECT_THAT(ply->file.substr(0, end), testing::AllOf(HasSubstr("element vertex " + std::to_string(vertices) + "\n"),
                                                        HasSubstr("property float x\n"), HasSubstr("\"origin\":{\"x\":50.0")));
   EXPECT_EQ(ply->file.size() - end, vertices * (24 + 3) + faces * 13);
+  // Turned so that z is up, north is y.
+  asked.isZUp = true;
+  const auto turned = snapshots.take(*session, session->ground(), asked, false, {});
+  ASSERT_TRUE(turned);
+  EXPECT_THAT(turned->file, HasSubstr("+Z up, x east, y north"));
+  const auto begin = turned->file.find("end_header\n") + 11;
+  ASSERT_EQ(turned->file.size() - begin, ply->file.size() - end);
+  for (std::size_t v = 0; v < vertices; ++v) {
+    std::array<float, 6> a{}, b{};  // place and normal
+    std::memcpy(a.data(), &ply->file[end + v * 27], sizeof a);
+    std::memcpy(b.data(), &turned->file[begin + v * 27], sizeof b);
+    ASSERT_EQ(b, (std::array{a[0], -a[2], a[1], a[3], -a[5], a[4]}));
+  }
+  EXPECT_EQ(turned->file.substr(begin + vertices * 27), ply->file.substr(end + vertices * 27)) << "the triangles";
 }
 
 TEST_F(TakeTest, WhatCannotBeSaysWhy) {
