@@ -116,7 +116,8 @@ class Translator {
     for (std::size_t i = 0; i + 2 < tokens_.size(); ++i) {
       if (!is(i, "struct") || !is(i + 2, "{")) continue;
       structs_.insert(tokens_[i + 1].text);
-      for (std::size_t k = i + 3; k < closing(tokens_, i + 2); ++k)
+      const std::size_t close = closing(tokens_, i + 2);
+      for (std::size_t k = i + 3; k < close; ++k)
         if (isName(k) && (is(k + 1, ";") || is(k + 1, ",") || is(k + 1, "["))) members_.insert(tokens_[k].text);
     }
     for (const TopLevel& item : items_)
@@ -303,12 +304,12 @@ class Translator {
                        (is(i + 9, loop.name) && is(i + 10, "+=") && is(i + 11, "1") && i + 12 == close);
     const long trips = *last - *first + (is(i + 6, "<=") ? 1 : 0);
     if (!steps || trips > static_cast<long>(kMostTripsWrittenOut)) return std::nullopt;
+    std::size_t called = 0;  // where the last call of what writes its arguments ends
     for (std::size_t k = close + 1; k < bodyEnd; ++k) {
       if (is(k, "break") || is(k, "continue")) return std::nullopt;
-      if (isName(k) && is(k + 1, "(") && written_.contains(tokens_[k].text))  // which may change it
-        for (std::size_t a = k + 2; a < closing(tokens_, k + 1); ++a)
-          if (is(a, loop.name)) return std::nullopt;
+      if (isName(k) && is(k + 1, "(") && written_.contains(tokens_[k].text)) called = std::max(called, closing(tokens_, k + 1));
       if (!is(k, loop.name)) continue;
+      if (k < called) return std::nullopt;        // which may change it
       std::size_t before = k - 1, after = k + 1;  // its own brackets
       for (; is(before, "(") && is(after, ")"); ++after) --before;
       if ((after < bodyEnd && isAssignment(tokens_[after].text)) || is(before, "++") || is(before, "--")) return std::nullopt;
