@@ -27,7 +27,7 @@ export class Clock {
   private asked = 0; // ClockSet.number
   private answered = 0;
 
-  constructor(private readonly on: { set: (set: ClockSet) => void; say: (sentence: string) => void }) {
+  constructor(private readonly on: { set: (set: ClockSet) => void; say: (sentence: string) => void; isConnected: () => boolean }) {
     const { slider, bar } = this;
     for (const [id, act] of Object.entries({ 'clock-back': () => this.rewind(), 'clock-pause': () => this.toggle(), 'clock-ahead': () => this.skip(), slower: () => this.slower(), faster: () => this.faster() }))
       element(id).addEventListener('click', act);
@@ -128,7 +128,7 @@ export class Clock {
   private drive(rate: number, time: number): boolean {
     const { told, driver, world } = this;
     if (!this.isShown || !told) return false;
-    const why = driver ? `${driver} owns the clock` : time > 0 && !world?.jumpsClock ? 'This server is too old to set its clock to a time.' : '';
+    const why = driver ? `${driver} owns the clock` : !this.on.isConnected() ? 'No connection to a server with a clock.' : time > 0 && !world?.jumpsClock ? 'This server is too old to set its clock to a time.' : '';
     if (why) return this.on.say(why), false;
     // So that the next key, which may be pressed before the server answers, goes on from there.
     this.told = { ...told, rate, time: time || this.time, at: performance.timeOrigin + performance.now() };

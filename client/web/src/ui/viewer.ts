@@ -74,7 +74,7 @@ export class Viewer {
     this.editor = new Editor(this.canvas, this.hands, { engine: (message) => this.engine.send(message), say: (sentence) => this.notices.note(sentence, 8000) });
     this.toolbar = new Toolbar({ mode: (mode) => this.setMode(mode), toggle: (name) => this.toggle(name), threshold: (pixelsOfError) => this.setThreshold(pixelsOfError) });
     this.worlds = new Worlds({ goTo: (world) => this.goTo(world), jump: (to) => this.jump(to) });
-    this.clock = new Clock({ set: (set) => this.engine.send({ kind: 'set clock', set }), say: (sentence) => this.notices.note(sentence) });
+    this.clock = new Clock({ set: (set) => this.engine.send({ kind: 'set clock', set }), say: (sentence) => this.notices.note(sentence), isConnected: () => !this.engine.lost });
     this.people = new People({ fly: (to) => (this.flying.pose = beside(this.flying.pose, to)), renamed: () => this.connect() });
     this.people.take(this.place.name);
     this.listen();
