@@ -75,11 +75,12 @@ struct Turn {
 };
 std::optional<Turn> turnOf(const terrain::Raster& map, lattice::Point origin);
 
-// Places of a world as people have them: longitudes and latitudes (WGS84), or eastings and northings of a CRS. A value; one thread at a time.
+// Places of a world as people have them: longitudes and latitudes (WGS84), or eastings and northings of a CRS. A value; one thread at a
+// time.
 class Coordinates {
  public:
-  // `crs`: lonlat or EPSG:N. Error, one sentence: another, one that PROJ does not know as projected, or a map that does not say where it lies
-  // (null: there is none, or it is private).
+  // `crs`: lonlat or EPSG:N. Error, one sentence: another, one that PROJ does not know as projected, or a map that does not say where it
+  // lies (null: there is none, or it is private).
   static Outcome<Coordinates> of(std::shared_ptr<const terrain::Terrain> terrain, const terrain::Raster* map, std::string_view crs);
   // Metres of the world, x and z; empty: the map's CRS does not reach there.
   std::optional<std::array<double, 2>> world(double first, double second);

@@ -133,8 +133,8 @@ Answer tileOf(const terrain::Terrain& terrain, const Wanted& wanted, const Placi
 }
 
 // TileJSON 3.0.0, with what MapLibre reads of it beyond. `folder`: of the tiles, an absolute address.
-Answer listOf(const session::Ground& ground, const std::string& name, bool colours, const Placing& asked, const terrain::Raster* map,
-              const std::string& folder, const std::string& query) {
+Answer listOf(const std::string& name, bool colours, const Placing& asked, const terrain::Raster* map, const std::string& folder,
+              const std::string& query) {
   const auto bounds = map ? map::boundsOf(*map, asked.at) : std::optional(map::Bounds());
   if (!bounds) return openRefusal(400, kSayAt);
   const auto [west, south, east, north] = *bounds;
@@ -152,9 +152,7 @@ Answer listOf(const session::Ground& ground, const std::string& name, bool colou
       ",\n  \"bounds\": " + list({west, south, east, north}) +
       ",\n  \"center\": " + list({middle.longitude, middle.latitude, std::min<double>(finest, 12)}) + ",\n  \"tileSize\": 256";
   if (!colours) body += ",\n  \"encoding\": \"terrarium\"";
-  Answer a = opened(json(body + "\n}\n"));
-  a.headers.emplace_back(kEditHeader, std::to_string(ground.edit));
-  return a;
+  return opened(json(body + "\n}\n"));
 }
 
 std::optional<Answer> answerTile(const Request& request, const session::Directory& directory) {
@@ -184,8 +182,8 @@ std::optional<Answer> answerTile(const Request& request, const session::Director
     const std::string folder = std::string(request.isSecure ? "https://" : "http://") + std::string(request.host) +
                                std::string(kTilesPrefix) + wanted->session + (wanted->colours ? "/colours/" : "/heights/");
     return opened(madeBy({.isTile = true,
-                          .work = [=, name = wanted->session, colours = wanted->colours, asked = *asked, query = *query](
-                                      const std::stop_token&) { return listOf(ground, name, colours, asked, map, folder, query); }}));
+                          .work = [terrain = ground.terrain, map, name = wanted->session, colours = wanted->colours, asked = *asked, folder,
+                                   query = *query](const std::stop_token&) { return listOf(name, colours, asked, map, folder, query); }}));
   }
   const std::string etag = etagOf(session->hashOf(ground), *wanted, *asked, map);
   Answer a = opened(madeBy({.isTile = true, .work = [ground, wanted = *wanted, asked = *asked, map, etag](const std::stop_token& stop) {

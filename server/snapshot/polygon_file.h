@@ -1,6 +1,7 @@
 #pragma once
 // A document of leaves as one polygon file, for programs that read no glTF. Units and origin are those of the .glb (common/gltf/glb.h), and
-// so are the axes; with isZUp x is east, y north and z up, as programs for maps and CAD have them. A vertex that leaves share is written once. Equal documents give equal bytes. Pure functions; any thread.
+// so are the axes; with isZUp x is east, y north and z up, as programs for maps and CAD have them. A vertex that leaves share is written
+// once. Equal documents give equal bytes. Pure functions; any thread.
 //
 //   PLY   binary, little-endian; positions are floats where those are exact (within 65 km of the file's origin), otherwise doubles;
 //         nx ny nz; red green blue, sRGB

@@ -206,8 +206,8 @@ constexpr Feature kFeatures[] = {
      "1.0; g.at[1] = p; g.c = p.yx; "
      "return a[0] + a[2] + c[1] + float(a.length() + c.length()) + e[1] + g.w[1] + g.bias + g.at[1].y + g.c.x + A + B[1] + C;"},
     {"declared between cases", "",
-     "float r = 0.0; switch (int(floor(p.x))) { case 0: float a = p.y; r = a; break; case 1: const vec2 b = vec2(2.0); r = b.x * p.x; break; "
-     "default: float c[2] = float[2](p.x, 3.0); r = c[0] + c[1]; } return r;"},
+     "float r = 0.0; switch (int(floor(p.x))) { case 0: float a = p.y; r = a; break; case 1: const vec2 b = vec2(2.0); r = b.x * p.x; "
+     "break; default: float c[2] = float[2](p.x, 3.0); r = c[0] + c[1]; } return r;"},
     {"counters that are changed", "void skip(inout int n) { n += 1; }\n",
      "float s = 0.0; for (int i = 0; i < 9; i++) { skip(i); s += float(i) * p.x; } for (int j = 0; j < 9; j++) { (j)++; s += p.y; } for "
      "(int k = 0; k < 4; k++) { { int k = k * 2; s += float(k); } } return s;"},
