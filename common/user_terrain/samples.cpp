@@ -135,8 +135,9 @@ std::uint64_t dropMixed(Samples& samples) {
     least = std::min<std::int64_t>(least, v);
     most = std::max<std::int64_t>(most, v);
   });
+  if (highest == kNone) return 0;  // nothing to judge by
   const std::int64_t margin = std::max<std::int64_t>(highest - lowest, std::int64_t{100} * lattice::kStepsPerMetre);
-  if (highest == kNone || (lowestBeside >= lowest - margin && highestBeside <= highest + margin)) return 0;
+  if (lowestBeside >= lowest - margin && highestBeside <= highest + margin) return 0;
   std::uint64_t dropped = 0;
   each([&](std::int32_t& v, bool isBeside) {
     if (isBeside) v = kMissing, ++dropped;
