@@ -136,7 +136,7 @@ std::uint64_t dropMixed(Samples& samples) {
     most = std::max<std::int64_t>(most, v);
   });
   if (highest == kNone) return 0;  // nothing to judge by
-  const std::int64_t margin = std::max<std::int64_t>(highest - lowest, std::int64_t{100} * lattice::kStepsPerMetre);
+  const std::int64_t margin = std::max<std::int64_t>(2 * (highest - lowest), std::int64_t{2000} * lattice::kStepsPerMetre);
   if (lowestBeside >= lowest - margin && highestBeside <= highest + margin) return 0;
   std::uint64_t dropped = 0;
   each([&](std::int32_t& v, bool isBeside) {
