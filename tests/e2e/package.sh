@@ -81,7 +81,7 @@ if [[ $deb == deb && $EUID -eq 0 ]] && command -v systemd-sysusers setpriv >/dev
   chmod 755 "$scratch"
   mkdir -m 700 "$scratch/run" && chown "$uid:$gid" "$scratch/run"
   setpriv --reuid "$uid" --regid "$gid" --clear-groups "$prefix/bin/ridgecast-server" --config "$settings" --token-file "$scratch/tokens" \
-    --port 0 --port-file "$scratch/run/port" >"$scratch/unit.log" 2>&1 &
+    --state "$scratch/run/state" --port 0 --port-file "$scratch/run/port" >"$scratch/unit.log" 2>&1 &  # the unit's is systemd's to make
   unit=$!
   for ((k = 0; k < 1200; ++k)); do
     [[ ! -s $scratch/run/port ]] || break
