@@ -28,7 +28,7 @@ struct Handed__;
 
 // Component k; past the end is the last, so that a wrong index reads what is there.
 template <int K, class V>
-constexpr auto component(V v) {
+constexpr auto& component(V& v) {
   if constexpr (K == 0)
     return v.x;
   else if constexpr (K == 1)

@@ -54,7 +54,13 @@ std::vector<std::string> variantFlags(std::string_view variant) {
 
 std::string programText(const Translation& t) {
   std::string out = "namespace {\n";
-  out.append(terrain::glslAsCpp()).append("\n").append(embedded::glsl_extras).append("\n").append(terrain::prelude()).append("\n");
+  out.append(terrain::glslAsCpp())
+      .append("\n")
+      .append(embedded::glsl_extras)
+      .append(embedded::glsl_matrices)
+      .append("\n")
+      .append(terrain::prelude())
+      .append("\n");
   if (t.bounded) {
     out.append("thread_local int stepsLeft__;\nconstexpr int kMostSteps = ").append(std::to_string(kMostSteps));
     out.append(";\nconstexpr uint kOutOfSteps = ")
@@ -155,8 +161,9 @@ Outcome<Cache> Cache::open(std::filesystem::path folder) {
 std::filesystem::path Cache::fileFor(std::string_view text, std::string_view variant, bool colours) const {
   std::uint64_t first = 1, second = 2;  // 128 bits in all
   std::string all(text);
-  for (const std::string_view part : {terrain::glslAsCpp(), std::string_view(embedded::glsl_extras), terrain::prelude(), terrain::batch(),
-                                      variant, std::string_view(embedded::translate)})
+  for (const std::string_view part :
+       {terrain::glslAsCpp(), std::string_view(embedded::glsl_extras), std::string_view(embedded::glsl_matrices), terrain::prelude(),
+        terrain::batch(), variant, std::string_view(embedded::translate)})
     all.append(1, '\0').append(part);
   for (const std::string& flag : kCommonFlags) all.append(1, '\0').append(flag);
   all += std::to_string(kMostSteps) + (colours ? "c" : "");

@@ -34,6 +34,10 @@ struct Grid::Projection {
   Object earth, degrees;  // from the grid
   double unit = 1;        // metres
 
+  PJ_COORD forward(const Object& way, const terrain::GridPlace& at) const {
+    return proj_trans(way.get(), PJ_FWD, proj_coord(at.easting / unit, at.northing / unit, 0, HUGE_VAL));
+  }
+
   Projection(const std::string& crs, const terrain::GridPlace& about) {
     PJ_CONTEXT* const c = context.get();
     proj_log_level(c, PJ_LOG_NONE);
@@ -50,7 +54,7 @@ struct Grid::Projection {
       Object way(plain ? proj_normalize_for_visualization(c, plain.get()) : nullptr);
       if (!way) return way;
       // Of the ways that there are, one for the whole map: the best where it lies. Elsewhere another might be better, by a hundred metres.
-      proj_trans(way.get(), PJ_FWD, proj_coord(about.easting / unit, about.northing / unit, 0, HUGE_VAL));
+      forward(way, about);
       Object best(proj_trans_get_last_used_operation(way.get()));
       return best ? std::move(best) : std::move(way);
     };
@@ -77,9 +81,13 @@ const Grid* Grid::of(const std::string& crs, const terrain::GridPlace& about) {
   return grid->projection_->earth && grid->projection_->degrees ? grid : nullptr;
 }
 
+const Grid* Grid::of(const terrain::Raster& map) {
+  const auto origin = terrain::onGrid(map, {});
+  return origin ? of(map.origin().crs, *origin) : nullptr;
+}
+
 std::optional<std::array<double, 3>> Grid::onEarth(const terrain::GridPlace& at) const {
-  const double unit = projection_->unit;
-  const PJ_COORD out = proj_trans(projection_->earth.get(), PJ_FWD, proj_coord(at.easting / unit, at.northing / unit, 0, HUGE_VAL));
+  const PJ_COORD out = projection_->forward(projection_->earth, at);
   if (!std::isfinite(out.xyz.x) || !std::isfinite(out.xyz.y) || !std::isfinite(out.xyz.z)) return std::nullopt;
   return std::array{out.xyz.x, out.xyz.y, out.xyz.z};
 }
@@ -91,8 +99,7 @@ std::optional<terrain::GridPlace> Grid::at(double longitude, double latitude) co
 }
 
 std::optional<std::array<double, 2>> Grid::degrees(const terrain::GridPlace& at) const {
-  const double unit = projection_->unit;
-  const PJ_COORD out = proj_trans(projection_->degrees.get(), PJ_FWD, proj_coord(at.easting / unit, at.northing / unit, 0, HUGE_VAL));
+  const PJ_COORD out = projection_->forward(projection_->degrees, at);
   if (!std::isfinite(out.xy.x) || !std::isfinite(out.xy.y)) return std::nullopt;
   return std::array{out.xy.x, out.xy.y};
 }
@@ -174,11 +181,9 @@ Outcome<Coordinates> Coordinates::of(std::shared_ptr<const terrain::Terrain> ter
     return Error{"crs is lonlat, for longitudes and latitudes in degrees, or EPSG:N, for eastings and northings."};
   if (isNumber && !Grid::of(out.crs_, {}))
     return Error{out.crs_ + " is no projected CRS that PROJ knows; for longitudes and latitudes say lonlat."};
-  const auto origin = map ? terrain::onGrid(*map, {}) : std::nullopt;
-  if (!origin || !Grid::of(map->origin().crs, *origin))
-    return Error{"This terrain does not say where on Earth it lies: ask in metres of the world, without crs."};
+  if (!map || !Grid::of(*map)) return Error{"This terrain does not say where on Earth it lies: ask in metres of the world, without crs."};
   out.mapCrs_ = map->origin().crs;
-  out.origin_ = *origin;
+  out.origin_ = *terrain::onGrid(*map, {});
   return out;
 }
 

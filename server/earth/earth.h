@@ -53,6 +53,8 @@ class Grid {
   // Null: PROJ does not know it, or not as projected.
   static constexpr std::size_t kKeptGrids = 4;
   static const Grid* of(const std::string& crs, const terrain::GridPlace& about);
+  // A map's, about the world's origin; null also: the map does not say where it lies.
+  static const Grid* of(const terrain::Raster& map);
   ~Grid();
   // Metres of EPSG:4978, and from degrees; empty: there is no such place.
   std::optional<std::array<double, 3>> onEarth(const terrain::GridPlace& at) const;

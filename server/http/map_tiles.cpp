@@ -119,8 +119,7 @@ std::string etagOf(std::uint64_t ground, const Wanted& wanted, const Placing& as
 // Placed by PROJ, which takes tens of milliseconds where it begins.
 Answer tileOf(const terrain::Terrain& terrain, const Wanted& wanted, const Placing& asked, const terrain::Raster* map,
               const std::stop_token& stop) {
-  const auto grid = asked.at ? std::nullopt : terrain::onGrid(*map, {});
-  if (!asked.at && !earth::Grid::of(map->origin().crs, *grid)) return openRefusal(400, kSayAt);
+  if (!asked.at && !earth::Grid::of(*map)) return openRefusal(400, kSayAt);
   const auto sheet = asked.at ? std::optional(map::sheetOf(*wanted.tile, *asked.at, map)) : map::sheetOf(*wanted.tile, *map);
   const terrain::Raster* const samples = terrain.raster();
   if (asked.emptyBeyond && (!sheet || (samples && map::isBeside(*sheet, samples->shape())))) {

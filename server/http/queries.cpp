@@ -73,15 +73,14 @@ class Asking {
   // Begins with the work: PROJ takes its time.
   ToWorld toWorldOf(const std::string& crs) {
     if (crs.empty()) return {};
-    auto coordinates = std::make_shared<std::optional<earth::Coordinates>>();
-    return [this, crs, coordinates](double first, double second) -> std::optional<std::array<double, 2>> {
-      if (!*coordinates) {
+    return [this, crs](double first, double second) -> std::optional<std::array<double, 2>> {
+      if (!coordinates_) {
         const auto terrain = session_->ground().terrain;
         auto made = earth::Coordinates::of(terrain, session_->resources().limits.sendsTerrain ? terrain->raster() : nullptr, crs);
         if (!made) return wrong_ = made.error(), std::nullopt;
-        *coordinates = std::move(*made);
+        coordinates_ = std::move(*made);
       }
-      return (*coordinates)->world(first, second);
+      return coordinates_->world(first, second);
     };
   }
 
@@ -138,7 +137,8 @@ class Asking {
   const std::shared_ptr<session::Session> session_;
   const std::shared_ptr<session::Budgets> budgets_;
   std::optional<BodyReader> body_;
-  std::optional<Error> wrong_;
+  std::optional<earth::Coordinates> coordinates_;
+  std::optional<Error> wrong_;  // with them
   BodyType type_ = BodyType::kJson;
   std::optional<query::Answering> answering_;
   wire::Answer made_;

@@ -55,7 +55,7 @@ Sheet sheetOf(const TileAddress& tile, const Place& origin, const terrain::Raste
 
 std::optional<Sheet> sheetOf(const TileAddress& tile, const terrain::Raster& map) {
   const auto origin = terrain::onGrid(map, {});
-  const earth::Grid* const grid = origin ? earth::Grid::of(map.origin().crs, *origin) : nullptr;
+  const earth::Grid* const grid = earth::Grid::of(map);
   if (!grid) return std::nullopt;
   Sheet out;
   out.columns = out.rows = kTilePixels;
@@ -80,8 +80,8 @@ std::optional<Sheet> sheetOf(const TileAddress& tile, const terrain::Raster& map
 
 std::optional<Bounds> boundsOf(const terrain::Raster& map, const std::optional<Place>& origin) {
   constexpr std::int64_t kParts = 16;  // of a side, which may be bent
-  const auto grid = origin ? std::nullopt : terrain::onGrid(map, {});
-  const earth::Grid* const projection = grid ? earth::Grid::of(map.origin().crs, *grid) : nullptr;
+  const auto grid = terrain::onGrid(map, {});
+  const earth::Grid* const projection = origin ? nullptr : earth::Grid::of(map);
   if (!origin && !projection) return std::nullopt;
   const auto turn = origin ? earth::turnOf(map, {}).value_or(earth::Turn()) : earth::Turn();
   const auto degrees = [&](double x, double z) -> std::optional<std::array<double, 2>> {  // metres from the origin
