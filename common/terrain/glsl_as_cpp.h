@@ -21,10 +21,6 @@ template <class T>
 struct Vector3;
 template <class T>
 struct Vector4;
-template <class V, int... K>
-struct Assigned__;  // glsl_extras.h
-template <class V, int... K>
-struct Handed__;
 
 // Component k; past the end is the last, so that a wrong index reads what is there.
 template <int K, class V>
@@ -47,6 +43,67 @@ constexpr auto swizzled(V v) {
   else
     return Vector4<T>(component<K>(v)...);
 }
+
+// Several components of a vector, assigned to: p.xz *= m.
+template <class V, int... K>
+struct Assigned {
+  V& of;
+  constexpr auto value() const { return swizzled<decltype(of.x), K...>(of); }
+  template <class Value>
+  constexpr Value operator=(Value v) const {
+    static_assert(__is_same(Value, decltype(swizzled<decltype(of.x), K...>(of))), "what is assigned has other components");
+    constexpr int at[] = {K...};
+    component<at[0]>(of) = v.x;
+    component<at[1]>(of) = v.y;
+    if constexpr (sizeof...(K) > 2) component<at[2]>(of) = v.z;
+    if constexpr (sizeof...(K) > 3) component<at[3]>(of) = v.w;
+    return v;
+  }
+#define RIDGECAST_ASSIGNED(op)               \
+  template <class B>                         \
+  constexpr auto operator op##=(B b) const { \
+    auto v = value();                        \
+    v op## = b;                              \
+    return *this = v;                        \
+  }
+  RIDGECAST_ASSIGNED(+)
+  RIDGECAST_ASSIGNED(-)
+  RIDGECAST_ASSIGNED(*)
+  RIDGECAST_ASSIGNED(/)
+  RIDGECAST_ASSIGNED(&)
+  RIDGECAST_ASSIGNED(|)
+  RIDGECAST_ASSIGNED(^)
+  RIDGECAST_ASSIGNED(<<)
+  RIDGECAST_ASSIGNED(>>)
+#undef RIDGECAST_ASSIGNED
+  constexpr auto operator++() const { return *this += decltype(of.x)(1); }
+  constexpr auto operator--() const { return *this -= decltype(of.x)(1); }
+  constexpr auto operator++(int) const {
+    const auto before = value();
+    ++*this;
+    return before;
+  }
+  constexpr auto operator--(int) const {
+    const auto before = value();
+    --*this;
+    return before;
+  }
+  constexpr auto& operator[](int i) const {
+    constexpr int at[] = {K...}, last = sizeof...(K) - 1;
+    return of[at[i <= 0 ? 0 : i >= last ? last : i]];
+  }
+};
+
+// The same as an argument that a function writes, copied back at the end of the statement.
+template <class V, int... K>
+struct Handed {
+  using Value = decltype(swizzled<decltype(V::x), K...>(V()));
+  V& of;
+  Value value;
+  constexpr explicit Handed(V& v) : of(v), value(swizzled<decltype(V::x), K...>(v)) {}
+  constexpr ~Handed() { Assigned<V, K...>{of} = value; }
+  constexpr operator Value&() { return value; }
+};
 
 // The components of numbers and vectors one after the other, which constructors take in any mixture.
 template <class T>
@@ -83,11 +140,11 @@ struct Components {
   }                                                              \
   template <int... K>                                            \
   constexpr auto assigned()& {                                   \
-    return Assigned__<Vector, K...>{*this};                      \
+    return Assigned<Vector, K...>{*this};                        \
   }                                                              \
   template <int... K>                                            \
   constexpr auto handed()& {                                     \
-    return Handed__<Vector, K...>(*this);                        \
+    return Handed<Vector, K...>(*this);                          \
   }                                                              \
   constexpr explicit operator bool() const { return bool(x); }   \
   constexpr explicit operator float() const { return float(x); } \
