@@ -39,6 +39,16 @@ CLI::Validator within(double low, double high) {
   return CLI::Validator(judge, "");
 }
 
+// Goes into a URL as it is; the server judges the rest.
+CLI::Validator places() {
+  return CLI::Validator(
+      [](const std::string& text) {
+        return text::hasOnly(text, ".,:-") ? std::string()
+                                           : "'" + text + "' has other characters than letters, digits, dots, commas, colons and -";
+      },
+      "");
+}
+
 template <class Value>
 CLI::Option* addNumber(CLI::App& command, const char* name, Value& value, double low, double high, const char* help) {
   auto* const option = command.add_option(name, value, help)->check(within(low, high));
@@ -180,11 +190,47 @@ Run flyCommand(CLI::App& command) {
   };
 }
 
+// A terrain of one's own instead of a server's.
+CLI::Option* addOffline(CLI::App& command, snapshot::Offline& offline) {
+  auto* const terrain =
+      command
+          .add_option("--terrain", offline.terrain,
+                      "without a server: of this terrain, a name, NAME.glsl, or a height map (.tif, .png, .asc, .hgt, .r16)")
+          ->type_name("NAME|FILE")
+          ->excludes(command.get_option("url"));
+  command.add_option("--seed", offline.seed, "seed of that terrain")->needs(terrain)->capture_default_str();
+  command.add_option("--param", offline.parameters, "a parameter of that terrain; repeatable")
+      ->needs(terrain)
+      ->allow_extra_args(false)
+      ->type_name("NAME=NUMBER");
+  command.add_option("--raster", offline.raster, "how to read a height map, as for ridgecast-server; repeatable")
+      ->needs(terrain)
+      ->allow_extra_args(false)
+      ->type_name("NAME=VALUE");
+  command
+      .add_flag_callback(
+          "--project", [&offline] { offline.raster.emplace_back("project=local"); },
+          "lay a height map in degrees on the tangent plane at its middle: --raster project=local")
+      ->needs(terrain);
+  command
+      .add_option("--drape", offline.drape,
+                  "picture on a height map: a GeoTIFF of red, green and blue in the map's CRS, or a .txt of heights and colours")
+      ->needs(terrain)
+      ->type_name("FILE");
+  command.add_option("--terrain-dir", offline.folder, "folder of terrain files")->needs(terrain)->type_name("DIR");
+  command.add_option("--server", offline.program, "server program; default: ridgecast-server beside this one")
+      ->needs(terrain)
+      ->type_name("FILE");
+  return terrain;
+}
+
 Run pictureCommand(CLI::App& command) {
   const auto shared = std::make_shared<Shared>();
   const auto picture = std::make_shared<evaluation::PictureOptions>();
+  const auto own = std::make_shared<snapshot::Offline>();
   const auto drawn = std::make_shared<std::string>("corrected");
   addShared(command, *shared, true);
+  addOffline(command, *own);
   command.add_option("--out", picture->out, "the file to write")->required()->type_name("FILE.png");
   addNumber(command, "--x", picture->x, -4e12, 4e12, "place, metres");
   addNumber(command, "--z", picture->z, -4e12, 4e12, "place, metres");
@@ -202,6 +248,10 @@ Run pictureCommand(CLI::App& command) {
       ->capture_default_str();
   return [=] {
     if (auto set = share(*shared, *picture); !set) return fail(kBadInput, set.error());
+    if (!own->terrain.empty()) {
+      picture->server = snapshot::programOf(*own);
+      picture->arguments = snapshot::arguments(*own);
+    }
     using evaluation::Drawn;
     picture->drawn = *drawn == "mesh" ? Drawn::kMesh : *drawn == "march" ? Drawn::kMarch : Drawn::kCorrected;
     return evaluation::picture(*picture);
@@ -253,69 +303,29 @@ Run evaluateCommand(CLI::App& command) {
   };
 }
 
-struct SnapshotWords {
-  std::string box;
-  snapshot::Offline offline;
-  bool project = false;
-};
-
-// "all", or x0,z0,x1,z1, which the server judges.
-Outcome<void> parseBox(const std::string& text, snapshot::SnapshotOptions& out) {
-  out.wholeMap = text == "all";
-  if (text.empty() || out.wholeMap) return {};
-  std::string_view rest = text;
-  std::array<double, 4> corners{};
-  const bool numbers = std::ranges::all_of(
-      corners, [&](double& corner) { return CLI::detail::lexical_cast(std::string(text::takePart(rest, ',')), corner); });
-  if (!numbers || !rest.empty()) return Error{"--box: '" + text + "' is not X0,Z0,X1,Z1 in metres, or all"};
-  out.box = corners;
-  return {};
-}
-
-// A terrain of one's own instead of a server's.
-void addOffline(CLI::App& command, SnapshotWords& words) {
-  snapshot::Offline& offline = words.offline;
-  auto* const terrain =
-      command
-          .add_option("--terrain", offline.terrain,
-                      "without a server: of this terrain, a name, NAME.glsl, or a height map (.tif, .png, .asc, .hgt, .r16)")
-          ->type_name("NAME|FILE")
-          ->excludes(command.get_option("url"))
-          ->excludes(command.get_option("--camera"));
-  command.add_option("--seed", offline.seed, "seed of that terrain")->needs(terrain)->capture_default_str();
-  command.add_option("--param", offline.parameters, "a parameter of that terrain; repeatable")
-      ->needs(terrain)
-      ->allow_extra_args(false)
-      ->type_name("NAME=NUMBER");
-  command.add_option("--raster", offline.raster, "how to read a height map, as for ridgecast-server; repeatable")
-      ->needs(terrain)
-      ->allow_extra_args(false)
-      ->type_name("NAME=VALUE");
-  command.add_flag("--project", words.project, "lay a height map in degrees on the tangent plane at its middle: --raster project=local")
-      ->needs(terrain);
-  command.add_option("--drape", offline.drape, "picture on a height map: a GeoTIFF of red, green and blue in the map's CRS")
-      ->needs(terrain)
-      ->type_name("FILE");
-  command.add_option("--terrain-dir", offline.folder, "folder of terrain files")->needs(terrain)->type_name("DIR");
-  command.add_option("--max-triangles", offline.triangles, "largest file, in triangles")
-      ->needs(terrain)
-      ->check(within(10'000, 20'000'000))
-      ->capture_default_str();
-  command.add_option("--server", offline.program, "server program; default: ridgecast-server beside this one")
-      ->needs(terrain)
-      ->type_name("FILE");
-}
-
 // A folder instead of a file.
 void addTiles(CLI::App& command, snapshot::SnapshotOptions& shot, CLI::Option* file) {
-  auto* const tiles = command.add_option("--tiles", shot.tiles, "a new folder of 3D Tiles, of which the finest keep the error")
-                          ->needs(command.get_option("--terrain"))
-                          ->needs(command.get_option("--box"))
-                          ->excludes(file)
-                          ->excludes(command.get_option("--metadata"))
-                          ->type_name("DIR");
-  command.add_option("--at", shot.at, "where on Earth the middle of the tiles' box lies, degrees and metres; default: the map's place")
+  auto* const tiles =
+      command
+          .add_option("--tiles", shot.tiles, "a new folder of 3D Tiles, of which the finest keep the error; FILE.pmtiles: web map tiles")
+          ->needs(command.get_option("--terrain"))
+          ->needs(command.get_option("--box"))
+          ->excludes(file)
+          ->excludes(command.get_option("--metadata"))
+          ->type_name("DIR|FILE.pmtiles");
+  command.add_option("--layer", shot.layer, "of a .pmtiles: heights (Terrarium), the default, or colours")
       ->needs(tiles)
+      ->check(CLI::IsMember({"heights", "colours"}))
+      ->type_name("heights|colours");
+  command.add_option("--zoom", shot.zoom, "finest level of a .pmtiles; default: as the height map's samples")
+      ->needs(tiles)
+      ->type_name("LEVEL");
+  command
+      .add_option("--at", shot.at,
+                  "where on Earth the middle of the tiles' box lies, degrees and metres, of a .pmtiles the world's origin; default: the "
+                  "map's place")
+      ->needs(tiles)
+      ->check(places())
       ->type_name("LON,LAT[,HEIGHT]");
   command
       .add_option("--heights", shot.heights,
@@ -328,16 +338,26 @@ void addTiles(CLI::App& command, snapshot::SnapshotOptions& shot, CLI::Option* f
 // The server checks the limits. Here: only what could not be sent as a number.
 Run snapshotCommand(CLI::App& command) {
   const auto shared = std::make_shared<Shared>();
-  const auto words = std::make_shared<SnapshotWords>();
+  const auto offline = std::make_shared<snapshot::Offline>();
   const auto shot = std::make_shared<snapshot::SnapshotOptions>();
   addShared(command, *shared, false);
   const auto any = within(-1e15, 1e15);
-  auto* const file = command.add_option("--out", shot->out, "the file to write: .glb, .ply or .obj")->type_name("FILE");
+  auto* const file = command.add_option("--out", shot->out, "the file to write: .glb, .ply, .obj or, of a box's heights, .tif (GeoTIFF)")
+                         ->type_name("FILE");
   auto* camera = command.add_option("--camera", shot->camera, "snapshot of what this camera's client holds")->type_name("ID");
-  auto* box = command.add_option("--box", words->box, "snapshot of this box, in metres; all: of a whole height map")
-                  ->type_name("X0,Z0,X1,Z1|all")
+  auto* box = command.add_option("--box", shot->box, "snapshot of this box, in metres or as --crs says; all: of a whole height map")
+                  ->type_name("X0,Z0,X1,Z1|WEST,SOUTH,EAST,NORTH|all")
+                  ->check(places())
                   ->excludes(camera);
+  command.add_option("--crs", shot->crs, "the box is in longitudes and latitudes, or in eastings and northings of a CRS")
+      ->type_name("lonlat|EPSG:N")
+      ->check(places())
+      ->needs(box);
   command.add_option("--error", shot->error, "largest vertical error of a box, metres")->needs(box)->check(any)->capture_default_str();
+  command.add_option("--spacing", shot->spacing, "distance between the samples of a .tif, metres; default: the height map's own")
+      ->needs(box)
+      ->check(within(0.01, 1000))
+      ->type_name("METRES");
   const auto pose = [&](const char* name, double& value, const char* help) {
     command.add_option(name, value, help)->excludes(camera)->excludes(box)->check(any)->capture_default_str();
   };
@@ -370,14 +390,16 @@ Run snapshotCommand(CLI::App& command) {
   command.add_flag("--metadata", shot->metadata, "write only the metadata, as JSON");
   addNumber(command, "--timeout", shot->timeout, 1, 3600, "timeout for the server, seconds");
   addNumber(command, "--patience", shot->timeout, 1, 3600, "its old name")->group("");
-  addOffline(command, *words);
+  auto* const terrain = addOffline(command, *offline)->excludes(camera);
+  command.add_option("--max-triangles", offline->triangles, "largest file, in triangles")
+      ->needs(terrain)
+      ->check(within(10'000, 20'000'000))
+      ->capture_default_str();
   addTiles(command, *shot, file);
   return [=] {
     if (shot->out.empty() && shot->tiles.empty()) return fail(kBadInput, {"say --out FILE, or --tiles DIR with --terrain"});
     if (auto set = share(*shared, *shot); !set) return fail(kBadInput, set.error());
-    if (auto set = parseBox(words->box, *shot); !set) return fail(kBadInput, set.error());
-    if (words->project) words->offline.raster.emplace_back("project=local");
-    if (!words->offline.terrain.empty()) shot->offline = words->offline;
+    if (!offline->terrain.empty()) shot->offline = *offline;
     return snapshot::snapshot(*shot);
   };
 }

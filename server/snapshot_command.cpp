@@ -21,6 +21,7 @@
 #include "server/config/config.h"
 #include "server/scheduling/pool.h"
 #include "server/session/session.h"
+#include "server/snapshot/archive.h"
 #include "server/snapshot/snapshot.h"
 #include "server/snapshot/tiles.h"
 
@@ -32,10 +33,11 @@ constexpr const char* kHelp = R"(Usage: ridgecast-server snapshot FILE|FOLDER/ Q
 Makes a snapshot of a terrain without serving it, for example
   ridgecast-server snapshot out.glb 'box=all&error=1' --terrain dem.tif
 
-  FILE      .glb, .ply, .obj, or .json for the metadata only
+  FILE      .glb, .ply, .obj, or .json for the metadata only; .tif: heights on a grid, as a GeoTIFF; .pmtiles: web map tiles
   FOLDER/   with the slash: 3D Tiles of a box, in a new or empty folder; without its tileset.json, written last, it is unfinished
   QUERY     what follows the ? in a snapshot's URL, without camera=: a pose (x=0&z=0&altitude=150&yaw=0&pitch=-10) or a box
-            (x0=0&z0=0&x1=500&z1=500&error=1, in metres, up to 1,000 km wide; box=all: a whole height map)
+            (x0=0&z0=0&x1=500&z1=500&error=1, in metres, up to 1,000 km wide; box=all: a whole height map); of a .tif a box
+            and spacing=METRES
   SETTINGS  those of ridgecast-server that name the terrain, and --max-snapshot-triangles
 
 Exit status: 0; 1 after a failure; 2 after bad input.
@@ -126,16 +128,35 @@ int takeTiles(const Taking& of, const snapshot::Question& question, const std::f
   return 0;
 }
 
+int takeArchive(const Taking& of, const snapshot::OfMapTiles& tiles, const std::filesystem::path& file) {
+  const std::filesystem::path unfinished = file.string() + ".new";
+  snapshot::TilesProgress progress;
+  const auto made =
+      follow(std::async(std::launch::async,
+                        [&] { return snapshot::makeArchive(*of.session, tiles, of.threads, unfinished, std::stop_token(), &progress); }),
+             [&] { return progress.text(); });
+  std::error_code failed;
+  if (made) std::filesystem::rename(unfinished, file, failed);
+  if (made && !failed) {
+    std::cout << file.string() << ": " << *made << " tiles, " << std::filesystem::file_size(file, failed) << " bytes\n";
+    return 0;
+  }
+  const std::string sentence = made ? "Cannot write '" + file.string() + "'." : made.error().message;
+  std::filesystem::remove(unfinished, failed);
+  return refuse(1, sentence);
+}
+
 int take(const config::Config& config, const std::string& out, const std::string& query) {
   const auto format = out.ends_with("/")       ? snapshot::Format::kTiles
                       : out.ends_with(".json") ? snapshot::Format::kGlb
                                                : snapshot::formatOf(out);
-  if (!format) return refuse(2, "'" + out + "' must end in .glb, .ply, .obj or .json, or in / for a folder of tiles.");
+  if (!format) return refuse(2, "'" + out + "' must end in .glb, .ply, .obj, .tif, .pmtiles or .json, or in / for a folder of tiles.");
   auto terrain = user_terrain::load(config.terrain, [](const std::string& complaint) { std::cerr << complaint << "\n"; });
   if (!terrain) return refuse(2, terrain.error().message);
   Taking of{.limits = config.snapshots, .threads = config.threads ? config.threads : std::max(1u, std::thread::hardware_concurrency())};
   of.limits.seconds = 86'400;
   of.limits.boxSide = 1e6;
+  of.limits.samples = 1u << 28;
   auto question = snapshot::parse(query, of.limits, (*terrain)->raster(), *format);
   if (!question) return refuse(2, question.error().message);
 
@@ -146,6 +167,7 @@ int take(const config::Config& config, const std::string& out, const std::string
   resources->limits = config.limits;
   const auto directory = std::make_shared<session::Directory>(resources, *terrain, config.terrain.parameters);
   of.session = directory->find(session::kDefaultName);
+  if (const auto* tiles = std::get_if<snapshot::OfMapTiles>(&question->of)) return takeArchive(of, *tiles, out);
   return *format == snapshot::Format::kTiles ? takeTiles(of, *question, out) : takeFile(of, *question, out);
 }
 

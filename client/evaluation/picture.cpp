@@ -2,11 +2,14 @@
 
 #include <cstdio>
 #include <cstdlib>
+#include <memory>
 #include <nlohmann/json.hpp>
 #include <string>
 #include <system_error>
+#include <utility>
 
 #include "client/evaluation/fly.h"
+#include "client/evaluation/own_server.h"
 #include "client/evaluation/text_file.h"
 #include "client/exit/exit.h"
 
@@ -51,6 +54,13 @@ int picture(const PictureOptions& options) {
     return fail(kRuntimeFailure, {"cannot write to the folder for temporary files; choose another with TMPDIR"});
   FlyOptions flight;
   flight.url = options.url;
+  std::unique_ptr<OwnServer> own;
+  if (!options.server.empty()) {
+    auto started = OwnServer::start(options.server, options.arguments, scratch.path());
+    if (!started) return fail(kBadInput, started.error());
+    own = std::move(*started);
+    flight.url = connection::parseUrl("ws://127.0.0.1:" + std::to_string(own->port())).value();
+  }
   flight.path = path;
   flight.out = scratch.path();
   flight.settings = options.settings;

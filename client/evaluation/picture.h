@@ -3,6 +3,8 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <string>
+#include <vector>
 
 #include "client/connection/connection.h"
 #include "common/wire/messages.h"
@@ -13,6 +15,9 @@ enum class Drawn { kCorrected, kMesh, kMarch };  // the mesh moved onto the true
 
 struct PictureOptions {
   connection::Url url;
+  // Of a terrain of one's own, with a server of its own: that program and its arguments; empty: the URL's.
+  std::filesystem::path server;
+  std::vector<std::string> arguments;
   std::filesystem::path out;  // a PNG
   wire::Settings settings;
   double x = 0, z = 0, altitude = 150;       // metres; the altitude is above the ground there

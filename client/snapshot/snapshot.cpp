@@ -54,6 +54,21 @@ class Teller {
 
 }  // namespace
 
+std::vector<std::string> arguments(const Offline& offline) {
+  std::vector<std::string> words{"--terrain", offline.terrain, "--seed", std::to_string(offline.seed)};
+  for (const std::string& parameter : offline.parameters) words.insert(words.end(), {"--param", parameter});
+  for (const std::string& option : offline.raster) words.insert(words.end(), {"--raster", option});
+  if (!offline.drape.empty()) words.insert(words.end(), {"--drape", offline.drape.string()});
+  if (!offline.folder.empty()) words.insert(words.end(), {"--terrain-dir", offline.folder.string()});
+  return words;
+}
+
+std::filesystem::path programOf(const Offline& offline) {
+  std::error_code failed;
+  return offline.program.empty() ? std::filesystem::read_symlink("/proc/self/exe", failed).parent_path() / "ridgecast-server"
+                                 : offline.program;
+}
+
 std::string query(const SnapshotOptions& o) {
   std::string out;
   const auto add = [&](const char* name, const std::string& value) {
@@ -61,13 +76,11 @@ std::string query(const SnapshotOptions& o) {
   };
   if (o.camera) {
     add("camera", std::to_string(*o.camera));
-  } else if (o.wholeMap) {
-    add("box", "all");
-    add("error", number(o.error));
-  } else if (o.box) {
-    const char* names[4] = {"x0", "z0", "x1", "z1"};
-    for (std::size_t k = 0; k < 4; ++k) add(names[k], number((*o.box)[k]));
-    add("error", number(o.error));
+  } else if (!o.box.empty()) {
+    add("box", o.box);
+    if (!o.crs.empty()) add("crs", o.crs);
+    if (o.out.extension() != ".tif" && o.tiles.extension() != ".pmtiles") add("error", number(o.error));
+    if (o.spacing > 0) add("spacing", number(o.spacing));
   } else {
     add("x", number(o.x));
     add("z", number(o.z));
@@ -86,13 +99,16 @@ std::string query(const SnapshotOptions& o) {
   if (o.origin != "cell") add("origin", o.origin);
   if (o.up != "y") add("up", o.up);
   if (o.texture > 0) add("texture", std::to_string(o.texture));
+  if (!o.layer.empty()) add("layer", o.layer);
+  if (o.zoom) add("zoom", std::to_string(*o.zoom));
   if (!o.at.empty()) add("at", o.at);
   if (!o.heights.empty()) add("heights", o.heights);
   return out;
 }
 
 std::string target(const SnapshotOptions& o) {
-  const std::string ending = o.metadata ? ".json" : o.out.extension() == ".ply" || o.out.extension() == ".obj" ? o.out.extension() : ".glb";
+  const std::string own = o.out.extension();
+  const std::string ending = o.metadata ? ".json" : own == ".ply" || own == ".obj" || own == ".tif" ? own : ".glb";
   return "/v1/sessions/" + o.url.session + "/snapshot" + ending + "?" + query(o);
 }
 
@@ -102,28 +118,18 @@ namespace {
 int becomeServer(const SnapshotOptions& options) {
   const Offline& offline = *options.offline;
   if (options.metadata && options.out.extension() != ".json") return fail(kBadInput, {"--metadata writes JSON: let --out end in .json"});
-  std::error_code failed;
-  const std::filesystem::path program = offline.program.empty()
-                                            ? std::filesystem::read_symlink("/proc/self/exe", failed).parent_path() / "ridgecast-server"
-                                            : offline.program;
-  std::vector<std::string> words{program.string(),
-                                 "snapshot",
-                                 options.tiles.empty() ? options.out.string() : (options.tiles / "").string(),
-                                 query(options),
-                                 "--terrain",
-                                 offline.terrain,
-                                 "--seed",
-                                 std::to_string(offline.seed),
-                                 "--max-snapshot-triangles",
-                                 std::to_string(offline.triangles)};
-  for (const std::string& parameter : offline.parameters) words.insert(words.end(), {"--param", parameter});
-  for (const std::string& option : offline.raster) words.insert(words.end(), {"--raster", option});
-  if (!offline.drape.empty()) words.insert(words.end(), {"--drape", offline.drape.string()});
-  if (!offline.folder.empty()) words.insert(words.end(), {"--terrain-dir", offline.folder.string()});
-  std::vector<char*> arguments;
-  for (std::string& word : words) arguments.push_back(word.data());
-  arguments.push_back(nullptr);
-  execv(program.c_str(), arguments.data());
+  const std::filesystem::path program = programOf(offline);
+  const std::filesystem::path file = options.tiles.empty()                     ? options.out
+                                     : options.tiles.extension() == ".pmtiles" ? options.tiles
+                                                                               : options.tiles / "";
+  std::vector<std::string> words{program.string(), "snapshot", file.string(), query(options)};
+  const auto more = arguments(offline);
+  words.insert(words.end(), more.begin(), more.end());
+  words.insert(words.end(), {"--max-snapshot-triangles", std::to_string(offline.triangles)});
+  std::vector<char*> argv;
+  for (std::string& word : words) argv.push_back(word.data());
+  argv.push_back(nullptr);
+  execv(program.c_str(), argv.data());
   return fail(kBadInput, {"cannot start " + program.string() + ": build ridgecast-server, or name it with --server"});
 }
 

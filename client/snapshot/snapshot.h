@@ -13,7 +13,7 @@
 
 namespace ridgecast::snapshot {
 
-// Settings of `ridgecast-server snapshot`.
+// A terrain without a server that runs: settings of `ridgecast-server`.
 struct Offline {
   std::string terrain;                          // a name, a terrain file or a height map
   std::vector<std::string> parameters, raster;  // NAME=VALUE
@@ -27,14 +27,16 @@ struct Offline {
 struct SnapshotOptions {
   connection::Url url;
   std::optional<Offline> offline;
-  std::filesystem::path out;                 // a file; of Offline...
-  std::filesystem::path tiles;               // ...or a folder of 3D Tiles
-  std::string heights;                       // from where those of tiles count: sea or ellipsoid; empty: as the server does
-  std::string at;                            // LON,LAT[,HEIGHT] of the middle of tiles; empty: none
-  std::optional<std::uint64_t> camera;       // a live one; otherwise...
-  std::optional<std::array<double, 4>> box;  // x0, z0, x1, z1 in metres
-  bool wholeMap = false;                     // the box of all of a height map; otherwise the pose
-  double error = 1;                          // metres, of a box
+  std::filesystem::path out;            // a file; of Offline...
+  std::filesystem::path tiles;          // ...or a folder of 3D Tiles, or a .pmtiles
+  std::string layer;                    // of a .pmtiles: heights or colours; empty: heights
+  std::optional<int> zoom;              // of a .pmtiles: the finest level; none: as the map's samples
+  std::string heights;                  // from where those of tiles count: sea or ellipsoid; empty: as the server does
+  std::string at;                       // LON,LAT[,HEIGHT] of the middle of tiles, of a .pmtiles of the origin; empty: none
+  std::optional<std::uint64_t> camera;  // a live one; otherwise...
+  std::string box, crs;                 // ...as of server/snapshot/question.h; empty box: the pose; empty crs: metres of the world
+  double error = 1;                     // metres, of a box
+  double spacing = 0;                   // metres, of a .tif; 0: the height map's own
   double x = 0, z = 0, altitude = 120, yaw = 0, pitch = -10, fov = 60;  // metres, degrees
   std::uint32_t width = 1280, height = 720;                             // pixels
   double threshold = 0.6;                                               // pixels
@@ -45,6 +47,11 @@ struct SnapshotOptions {
   std::uint32_t texture = 0;    // pixels; 0: none
   double timeout = 120;         // seconds
 };
+
+// What the server's program is told of the terrain.
+std::vector<std::string> arguments(const Offline& offline);
+// The server's program: the one that was named, or the one beside this one.
+std::filesystem::path programOf(const Offline& offline);
 
 // Path and query of the request.
 std::string target(const SnapshotOptions& options);

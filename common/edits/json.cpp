@@ -1,8 +1,12 @@
 #include "common/edits/json.h"
 
+#include <algorithm>
 #include <cmath>
-#include <initializer_list>
 #include <nlohmann/json.hpp>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
 
 namespace ridgecast::edits {
 namespace {
@@ -16,7 +20,16 @@ double share(std::uint32_t of256) { return of256 / 256.0; }
 // Reads fields one after another; what is wrong first is kept, and all that follows is 0.
 class Fields {
  public:
-  explicit Fields(const Json& object) : object_(object) {}
+  Fields(const Json& object, const ToWorld& toWorld) : object_(object), toWorld_(toWorld) {
+    if (!has("crs")) return;
+    const Json& crs = *find("crs");
+    if (!crs.is_string())
+      fail("crs", "must be a text, such as \"lonlat\" or \"EPSG:2056\"");
+    else if (!toWorld)
+      fail("crs", "is taken over HTTP alone; here places are metres of the world");
+    else
+      crs_ = crs.get<std::string>();
+  }
 
   double number(const char* name, std::optional<double> otherwise = {}) {
     const Json* value = find(name);
@@ -33,17 +46,25 @@ class Fields {
   }
   bool has(const char* name) const { return object_.contains(name); }
 
-  // [[a, b], ...], each of `least` to `most` numbers.
+  lattice::Point place() {
+    if (crs_ || has("at")) {
+      const std::vector<Step> at =
+          row("at", find("at"), 2, 2, "must be a place: [first, second], in metres of the world or as the crs has it");
+      return at.empty() ? lattice::Point() : lattice::Point{at[0], at[1]};
+    }
+    const Step x = steps("x"), z = steps("z");
+    return {x, z};
+  }
+  // [[a, b], ...], each of `least` to `most` numbers, the first two of which are a place.
   std::vector<std::vector<Step>> rows(const char* name, std::size_t least, std::size_t most, std::size_t mostRows) {
     const Json* value = find(name);
     std::vector<std::vector<Step>> out;
     if (!value || !value->is_array() || value->size() > mostRows)
       return fail(name, "must be a list of at most " + std::to_string(mostRows) + " places"), out;
-    for (const Json& row : *value) {
-      if (!row.is_array() || row.size() < least || row.size() > most) return fail(name, "must be a list of places, each [x, z]"), out;
-      std::vector<Step>& steps = out.emplace_back();
-      for (const Json& v : row)
-        steps.push_back(v.is_number() ? inSteps(name, v.get<double>()) : static_cast<Step>(fail(name, "must be a list of numbers")));
+    for (const Json& one : *value) {
+      auto steps = row(name, &one, least, most, "must be a list of places, each [x, z]");
+      if (steps.empty()) break;
+      out.push_back(std::move(steps));
     }
     return out;
   }
@@ -88,20 +109,35 @@ class Fields {
     const auto it = object_.find(name);
     return it == object_.end() ? nullptr : &*it;
   }
+  // Empty: there is something wrong.
+  std::vector<Step> row(const char* name, const Json* value, std::size_t least, std::size_t most, const char* what) {
+    const auto isNumber = [](const Json& v) { return v.is_number(); };
+    if (!value || !value->is_array() || value->size() < least || value->size() > most || !std::ranges::all_of(*value, isNumber))
+      return fail(name, what), std::vector<Step>();
+    auto numbers = value->get<std::vector<double>>();
+    if (crs_ && wrong_.empty()) {
+      const auto world = toWorld_(*crs_, numbers[0], numbers[1]);
+      if (!world) return wrong_ = world.error().message, std::vector<Step>();
+      std::ranges::copy(*world, numbers.begin());
+    }
+    std::vector<Step> out;
+    for (const double v : numbers) out.push_back(inSteps(name, v));
+    return out;
+  }
   Step inSteps(const char* name, double v) {
     if (!(std::abs(v) <= 1e13)) return static_cast<Step>(fail(name, "is beyond all there is"));
     return static_cast<Step>(std::floor(v * lattice::kStepsPerMetre + 0.5));
   }
 
   const Json& object_;
+  const ToWorld& toWorld_;
+  std::optional<std::string> crs_;  // none: metres of the world
   std::vector<std::string> known_;
   std::string wrong_;
 };
 
-lattice::Point place(Fields& f) { return {f.steps("x"), f.steps("z")}; }
-
 Raise raise(Fields& f, int sign) {
-  Raise o{place(f), f.steps("radius"), f.steps("core", 0.0), f.height("by")};
+  Raise o{f.place(), f.steps("radius"), f.steps("core", 0.0), f.height("by")};
   o.amount *= sign;
   return o;
 }
@@ -111,7 +147,7 @@ Level level(Fields& f) {
   if (f.has("polygon")) {
     for (const auto& corner : f.rows("polygon", 2, 2, kMostCorners)) o.corners.push_back({corner[0], corner[1]});
   } else {
-    o.corners = {place(f)};
+    o.corners = {f.place()};
     o.radius = f.steps("radius");
   }
   o.height = f.height("height");
@@ -135,7 +171,7 @@ Road road(Fields& f) {
 }
 
 Stamp stamp(Fields& f) {
-  Stamp o{place(f), 0, 0, 1, f.list("samples", std::size_t{kMostStampSide} * kMostStampSide)};
+  Stamp o{f.place(), 0, 0, 1, f.list("samples", std::size_t{kMostStampSide} * kMostStampSide)};
   const std::uint64_t columns = f.whole("columns");
   const Step spacing = f.steps("spacing", 0.5);
   if (columns < 2 || columns > kMostStampSide || o.samples.size() % columns != 0)
@@ -196,22 +232,22 @@ std::string toJson(const Operation& operation) {
   return out.dump();
 }
 
-Outcome<Operation> fromJson(std::string_view text) {
+Outcome<Operation> fromJson(std::string_view text, const ToWorld& toWorld) {
   const Json in = Json::parse(text, nullptr, false);
   if (!in.is_object() || !in.contains("op") || !in["op"].is_string())
     return Error{R"(An edit is a JSON object with an "op": raise, lower, crater, level, smooth, road, stamp or undo.)"};
   const std::string op = in["op"];
-  Fields fields(in);
+  Fields fields(in, toWorld);
   Operation out;
   if (op == "raise" || op == "lower") {
     out.what = raise(fields, op == "raise" ? 1 : -1);
   } else if (op == "crater") {
-    out.what = Crater{place(fields), fields.steps("radius"), fields.height("depth")};
+    out.what = Crater{fields.place(), fields.steps("radius"), fields.height("depth")};
   } else if (op == "level") {
     out.what = level(fields);
   } else if (op == "smooth") {
-    out.what =
-        Smooth{place(fields), fields.steps("radius"), static_cast<std::uint32_t>(std::min<std::uint64_t>(fields.whole("passes", 4), 1000))};
+    out.what = Smooth{fields.place(), fields.steps("radius"),
+                      static_cast<std::uint32_t>(std::min<std::uint64_t>(fields.whole("passes", 4), 1000))};
   } else if (op == "road") {
     out.what = road(fields);
   } else if (op == "stamp") {

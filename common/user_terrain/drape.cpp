@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "common/text/text.h"
+#include "common/user_terrain/ramp.h"
 
 namespace ridgecast::user_terrain {
 namespace {
@@ -125,13 +126,14 @@ std::uint64_t hashOf(Samples& pixels) {
 
 }  // namespace
 
-Outcome<Drape> Drape::read(const std::filesystem::path& path, const RasterHeader& map, const terrain::RasterShape& shape,
-                           std::uint64_t inMemory, std::uint64_t most) {
-  auto file = openPicture(path);
+Outcome<Drape> Drape::read(const std::filesystem::path& path, const Samples& samples, const RasterHeader& map,
+                           const terrain::RasterShape& shape, std::uint64_t inMemory, std::uint64_t most) {
+  const bool ofHeights = isRamp(path);
+  auto file = ofHeights ? openRamp(path, samples, map) : openPicture(path);
   if (!file) return file.error();
   const RasterHeader& header = (*file)->header();
   const std::string name = path.string();
-  if (auto fine = judgePlace(name, header, map); !fine) return fine.error();
+  if (auto fine = ofHeights ? Outcome<void>() : judgePlace(name, header, map); !fine) return fine.error();
   const auto sideAt = [](std::uint32_t side, int level) { return ((side - 1) >> level) + 1; };
   const int levels = std::bit_width(std::max(header.width, header.height) - 1) + 1;
   std::uint64_t bytes = 0;
@@ -148,8 +150,14 @@ Outcome<Drape> Drape::read(const std::filesystem::path& path, const RasterHeader
   if (auto pixels = readPixels(name, **file, out.levels_[0]); !pixels) return pixels.error();
   for (std::size_t level = 1; level < out.levels_.size(); ++level) halve(out.levels_[level - 1], out.levels_[level]);
   // By the map's samples, so that both lie together where the pitch is another than the file's.
-  out.x_ = {shape.x.origin, (*map.easting - *header.easting) / *header.pitch, *map.pitch / *header.pitch / shape.x.steps()};
-  out.z_ = {shape.z.origin, (*header.northing - *map.northing) / header.pitchDown, map.pitchDown / header.pitchDown / shape.z.steps()};
+  out.x_ = {shape.x.origin, 0, 1 / shape.x.steps()};
+  out.z_ = {shape.z.origin, 0, 1 / shape.z.steps()};
+  if (!ofHeights) {
+    out.x_.first = (*map.easting - *header.easting) / *header.pitch;
+    out.z_.first = (*header.northing - *map.northing) / header.pitchDown;
+    out.x_.perStep *= *map.pitch / *header.pitch;
+    out.z_.perStep *= map.pitchDown / header.pitchDown;
+  }
   out.content_ = hashOf(out.levels_[0]);
   for (const double v : {out.x_.first, out.z_.first, out.x_.perStep, out.z_.perStep})
     out.content_ = lattice::mix(out.content_ ^ std::bit_cast<std::uint64_t>(v));

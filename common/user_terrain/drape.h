@@ -1,5 +1,6 @@
 #pragma once
-// An aerial picture that lies on a height map (--drape): a GeoTIFF in the map's CRS, with pixels and a place of its own.
+// An aerial picture that lies on a height map (--drape): a GeoTIFF in the map's CRS, with pixels and a place of its own. Or colours by height
+// (ramp.h).
 //
 // A colour is the mean of the picture over the footprint: bilinear between the pixels' middles, in linear light, and trilinear in a pyramid
 // of half the size each where the footprint is wider than a pixel. Where the picture ends or is transparent it fades into the map's own
@@ -21,11 +22,11 @@ namespace ridgecast::user_terrain {
 
 class Drape {
  public:
-  // Reads a picture (openPicture) for a map of this header and shape. A pixel takes four bytes, and the pyramid a third more; more than
+  // Reads a picture (openPicture, or openRamp of the samples) for a map of this header and shape. A pixel takes four bytes, and the pyramid a third more; more than
   // `inMemory` bytes go into a file. Error: the file's; another CRS than the map's, or none; it lies beside the map; it takes more than
   // `most` bytes.
-  static Outcome<Drape> read(const std::filesystem::path& file, const RasterHeader& map, const terrain::RasterShape& shape,
-                             std::uint64_t inMemory, std::uint64_t most);
+  static Outcome<Drape> read(const std::filesystem::path& file, const Samples& samples, const RasterHeader& map,
+                             const terrain::RasterShape& shape, std::uint64_t inMemory, std::uint64_t most);
 
   // Linear light times alpha, and alpha.
   struct Light {

@@ -1,6 +1,6 @@
 // Height maps and pictures that GDAL's programs read for us, from Debian's package gdal-bin: what their own readers here do not read
 // completely, and all other formats. gdalinfo says what is in the file, gdal_translate writes its samples and what it masks as plain TIFFs.
-// They run with limits, may open no address on a network, and the files they read lie in the map's folder.
+// The files they read lie in the map's folder.
 
 #include <algorithm>
 #include <array>
@@ -12,9 +12,8 @@
 #include <nlohmann/json.hpp>
 
 #include "common/text/text.h"
-#include "common/user_terrain/child.h"
+#include "common/user_terrain/gdal.h"
 #include "common/user_terrain/raster_file.h"
-#include "common/user_terrain/scratch.h"
 
 namespace ridgecast::user_terrain {
 namespace {
@@ -30,11 +29,6 @@ using std::filesystem::path;
 constexpr std::size_t kMostFilesOfFolder = 4096;
 constexpr std::size_t kMostVirtual = std::size_t{16} << 20;
 constexpr std::uint64_t kMostTranslated = std::uint64_t{1} << 30;  // samples
-constexpr int kMostMegabytes = 256;                                // of GDAL's cache
-
-// Drivers that ask a server for what a small file names.
-constexpr const char* kSkipped =
-    "WCS,WMS,WMTS,HTTP,DAAS,EEDA,EEDAI,NGW,OGCAPI,PLMOSAIC,PLSCENES,STACIT,STACTA,PostGISRaster,Rasterlite,MBTiles,KEA,Zarr,PDF";
 
 struct Unit {
   std::string_view name;
@@ -49,58 +43,6 @@ std::optional<double> metresIn(std::string_view name) {
     if (unit.name == name) return unit.metres;
   return std::nullopt;
 }
-
-class Tools {
- public:
-  static Outcome<Tools> find(const std::string& name, const std::string& why) {
-    Tools out;
-    for (const char* program : {"gdalinfo", "gdal_translate", "gdalsrsinfo", "gdalbuildvrt"}) {
-      auto found = findProgram(program);
-      if (!found) return Error{name + ": " + why + ", which GDAL's programs read: install the package gdal-bin"};
-      out.folder_ = found->parent_path();
-    }
-    auto scratch = Scratch::create();
-    if (!scratch) return scratch.error();
-    out.scratch_.emplace(std::move(*scratch));
-    return out;
-  }
-
-  path file(const char* name) const { return scratch_->path() / name; }
-
-  // What the program prints. Error: the first thing that it complained of.
-  Outcome<std::string> run(const char* program, std::vector<std::string> arguments, std::uint64_t mostBytes = 1 << 20) const {
-    const path log = file("log");
-    for (const auto& [key, value] : {std::pair<std::string, std::string>{"CPL_LOG", log.string()},
-                                     {"GDAL_SKIP", kSkipped},
-                                     {"GDAL_CACHEMAX", std::to_string(kMostMegabytes)},
-                                     {"GDAL_MAX_DATASET_POOL_SIZE", "64"},
-                                     {"CPL_VSIL_CURL_ALLOWED_FILENAME", "none"},
-                                     {"GDAL_HTTP_PROXY", "127.0.0.1:9"},
-                                     {"GDAL_HTTP_TIMEOUT", "1"},
-                                     {"GDAL_DISABLE_READDIR_ON_OPEN", "FALSE"}})
-      arguments.insert(arguments.end(), {"--config", key, value});
-    ChildLimits limits;
-    limits.time = std::chrono::seconds(600);
-    limits.fileSize = mostBytes + (std::uint64_t{16} << 20);
-    const auto ended = runChild(folder_ / program, arguments, limits);
-    if (!ended) return ended.error();
-    const auto complained = text::readFile(log, 4096);
-    std::error_code ignored;
-    std::filesystem::remove(log, ignored);
-    if (ended->status == 0) return {boost::system::in_place_value, ended->output};
-    if (ended->timedOut) return Error{std::string(program) + " took longer than 10 minutes"};
-    std::string first = complained && !complained->empty() ? *complained : ended->output;
-    if (const std::size_t at = first.find("ERROR "); at != std::string::npos) first = first.substr(first.find(": ", at) + 2);
-    first = first.substr(0, std::min<std::size_t>(first.find('\n'), 300));
-    return Error{first.empty() ? std::string(program) + " ended with status " + std::to_string(ended->status) : first};
-  }
-
-  std::optional<Scratch> takeScratch() { return std::exchange(scratch_, std::nullopt); }
-
- private:
-  path folder_;
-  std::optional<Scratch> scratch_;
-};
 
 // Rows of the samples, missing where the mask is 0: of a picture transparent.
 class GdalFile final : public RasterFile {
@@ -136,7 +78,7 @@ class GdalFile final : public RasterFile {
 
 class Reading {
  public:
-  Reading(const path& file, const RasterOptions& options, bool isPicture, Tools tools)
+  Reading(const path& file, const RasterOptions& options, bool isPicture, Gdal tools)
       : file_(file), name_(file.string()), options_(options), isPicture_(isPicture), tools_(std::move(tools)) {}
 
   Outcome<std::unique_ptr<RasterFile>> open() {
@@ -353,7 +295,7 @@ class Reading {
   const std::string name_;
   const RasterOptions& options_;
   const bool isPicture_;
-  Tools tools_;
+  Gdal tools_;
   path source_;  // the file, or a mosaic of a folder
   std::vector<path> sources_;
   Json info_;
@@ -367,7 +309,7 @@ class Reading {
 
 Outcome<std::unique_ptr<RasterFile>> openByGdal(const std::filesystem::path& file, const std::string& why, const RasterOptions& options,
                                                 bool isPicture) {
-  auto tools = Tools::find(file.string(), why);
+  auto tools = Gdal::find(file.string() + ": " + why + ", which GDAL's programs read");
   if (!tools) return tools.error();
   try {
     return Reading(file, options, isPicture, std::move(*tools)).open();

@@ -267,16 +267,15 @@ Outcome<std::shared_ptr<const Map>> read(const std::filesystem::path& path, cons
                    " samples beside missing ones were interpolated with the NoData value, and count as missing";
   if (auto replaced = replace(name, *missing, options, *samples); !replaced) return replaced.error();
   const std::uint64_t taken = used + bytes;
-  std::optional<Drape> drape;
-  if (!options.drape.empty()) {
-    auto picture = Drape::read(options.drape, header, *shape, limits.inMemory - std::min(taken, limits.inMemory), limits.total - taken);
+  const auto finish = [&](Samples all, const std::string& crs, std::uint64_t before) -> Outcome<std::shared_ptr<const Map>> {
+    if (options.drape.empty()) return finished(name, std::move(all), *shape, header, crs, options, limits, before);
+    auto picture =
+        Drape::read(options.drape, all, header, *shape, limits.inMemory - std::min(before, limits.inMemory), limits.total - before);
     if (!picture) return picture.error();
-    drape = std::move(*picture);
-  }
-  if (!options.project) {
-    const std::uint64_t all = taken + (drape ? drape->bytes() : 0);
-    return finished(name, std::move(*samples), *shape, header, {}, options, limits, all, std::move(drape));
-  }
+    const std::uint64_t with = before + picture->bytes();
+    return finished(name, std::move(all), *shape, header, crs, options, limits, with, std::move(*picture));
+  };
+  if (!options.project) return finish(std::move(*samples), {}, taken);
 
   auto made =
       onPlane(name, *samples, *header.degrees, options.pitch, limits.inMemory - std::min(taken, limits.inMemory), limits.total - taken);
@@ -293,7 +292,7 @@ Outcome<std::shared_ptr<const Map>> read(const std::filesystem::path& path, cons
   shape = shapeOf(name, header, options);
   if (!shape) return shape.error();
   const std::uint64_t all = taken + made->samples.bytes();
-  return finished(name, std::move(made->samples), *shape, header, made->crs, options, limits, all);
+  return finish(std::move(made->samples), made->crs, all);
 }
 
 // The maps in use, by file and options.

@@ -80,7 +80,8 @@ void addTerrain(CLI::App& app, Written& w) {
           "How to read a height map, NAME=VALUE; repeatable: pitch=METRES, scale=NUMBER, offset=METRES, "
           "edge=clamp|mirror|repeat|METRES, missing=VALUE, nodata=METRES|fill, place=centre|geo, project=local; raw files: "
           "size=COLUMNSxROWS, order=little|big, type=unsigned|signed");
-  app.add_option("--drape", c.terrain.raster.drape, "Picture on a height map: a GeoTIFF of red, green and blue in the map's CRS")
+  app.add_option("--drape", c.terrain.raster.drape,
+                 "Picture on a height map: a GeoTIFF of red, green and blue in the map's CRS, or a .txt of heights and colours")
       ->type_name("FILE");
   app.add_option("--terrain-dir", c.terrain.folder, "Folder of terrain files NAME.glsl, each available as NAME")->type_name("DIR");
   app.add_option("--terrain-cache", c.terrain.cache, "Folder for compiled terrains; default: your cache folder")->type_name("DIR");

@@ -171,9 +171,8 @@ std::optional<Turn> turnOf(const terrain::Raster& map, lattice::Point origin) {
   return Turn{east / length, north / length};
 }
 
-Outcome<Coordinates> Coordinates::of(std::shared_ptr<const terrain::Terrain> terrain, const terrain::Raster* map, std::string_view crs) {
+Outcome<Coordinates> Coordinates::of(const terrain::Raster* map, std::string_view crs) {
   Coordinates out;
-  out.terrain_ = std::move(terrain);
   out.crs_ = crs;
   const std::string_view number = crs.starts_with("EPSG:") ? crs.substr(5) : std::string_view();
   const bool isNumber = number.size() <= 6 && text::number<unsigned>(number);
@@ -201,6 +200,25 @@ std::optional<std::array<double, 2>> Coordinates::world(double first, double sec
   }
   if (!place) return std::nullopt;
   return std::array{place->easting - origin_.easting, origin_.northing - place->northing};
+}
+
+std::optional<std::array<double, 2>> Coordinates::fromWorld(double x, double z) const {
+  const terrain::GridPlace place{origin_.easting + x, origin_.northing - z};
+  if (crs_ == mapCrs_) return std::array{place.easting, place.northing};
+  const auto degrees = Grid::of(mapCrs_, origin_)->degrees(place);
+  if (!degrees || crs_ == "lonlat") return degrees;
+  const Grid* const theirs = Grid::of(crs_, about_.value_or(terrain::GridPlace()));
+  const auto there = theirs ? theirs->at((*degrees)[0], (*degrees)[1]) : std::nullopt;
+  if (!there) return std::nullopt;
+  return std::array{there->easting, there->northing};
+}
+
+std::optional<std::array<double, 2>> Coordinates::north(double first, double second) {
+  const double beside = crs_ == "lonlat" ? 1e-4 : 10;  // degrees or metres: some metres
+  const auto south = world(first, second - beside), north = world(first, second + beside);
+  if (!south || !north) return std::nullopt;
+  const double x = (*north)[0] - (*south)[0], z = (*north)[1] - (*south)[1], length = std::hypot(x, z);
+  return std::array{x / length, z / length};
 }
 
 Matrix product(const Matrix& b, const Matrix& a) {

@@ -12,7 +12,6 @@
 #include "common/lattice/lattice.h"
 #include "common/outcome/outcome.h"
 #include "common/terrain/raster.h"
-#include "common/terrain/terrain.h"
 
 namespace ridgecast::earth {
 
@@ -83,12 +82,15 @@ class Coordinates {
  public:
   // `crs`: lonlat or EPSG:N. Error, one sentence: another, one that PROJ does not know as projected, or a map that does not say where it
   // lies (null: there is none, or it is private).
-  static Outcome<Coordinates> of(std::shared_ptr<const terrain::Terrain> terrain, const terrain::Raster* map, std::string_view crs);
+  static Outcome<Coordinates> of(const terrain::Raster* map, std::string_view crs);
   // Metres of the world, x and z; empty: the map's CRS does not reach there.
   std::optional<std::array<double, 2>> world(double first, double second);
+  // Its inverse, near what was asked first.
+  std::optional<std::array<double, 2>> fromWorld(double x, double z) const;
+  // North at a place, as a unit vector of the world: x and z.
+  std::optional<std::array<double, 2>> north(double first, double second);
 
  private:
-  std::shared_ptr<const terrain::Terrain> terrain_;
   std::string crs_, mapCrs_;
   terrain::GridPlace origin_;                // of the world, on the map's grid
   std::optional<terrain::GridPlace> about_;  // of what is asked first

@@ -1,5 +1,6 @@
 #include "server/http/edits.h"
 
+#include <array>
 #include <functional>
 #include <mutex>
 #include <nlohmann/json.hpp>
@@ -13,6 +14,7 @@
 #include "common/edits/packed.h"
 #include "common/text/text.h"
 #include "common/wire/wire.h"
+#include "server/earth/earth.h"
 #include "server/http/query_body.h"
 
 namespace ridgecast::http {
@@ -128,6 +130,21 @@ Answer list(const Request& request, const std::shared_ptr<session::Session>& ses
   });
 }
 
+edits::ToWorld placedIn(const session::Session& session) {
+  return [terrain = session.resources().limits.sendsTerrain ? session.ground().terrain : nullptr,
+          coordinates = std::optional<earth::Coordinates>()](const std::string& crs, double first,
+                                                             double second) mutable -> Outcome<std::array<double, 2>> {
+    if (!coordinates) {
+      auto made = earth::Coordinates::of(terrain ? terrain->raster() : nullptr, crs);
+      if (!made) return made.error();
+      coordinates = std::move(*made);
+    }
+    const auto world = coordinates->world(first, second);
+    if (!world) return Error{"The CRS of the map does not reach one of the edit's places."};
+    return *world;
+  };
+}
+
 Answer post(const Request& request, std::shared_ptr<session::Session> session) {
   if (bodyTypeOf(request.contentType) != BodyType::kJson)
     return refused(415, metrics::Refusal::kRequest, "An edit's Content-Type is application/json.", {{"Accept", "application/json"}});
@@ -136,7 +153,7 @@ Answer post(const Request& request, std::shared_ptr<session::Session> session) {
   return madeOfBody({kMostEditBytes, "An edit has at most " + std::to_string(kMostEditBytes) + " bytes.",
                      [session = std::move(session), key = std::string(request.idempotencyKey),
                       client = std::string(request.client)](const std::string& body) {
-                       auto operation = edits::fromJson(body);
+                       auto operation = edits::fromJson(body, placedIn(*session));
                        return operation ? make(session, std::move(*operation), key, client) : invalid(operation.error());
                      }});
 }

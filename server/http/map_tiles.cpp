@@ -1,18 +1,16 @@
 #include "server/http/map_tiles.h"
 
-#include <cmath>
 #include <optional>
 #include <string>
 #include <utility>
-#include <vector>
 
 #include "common/text/text.h"
 #include "server/access/crypto.h"
 #include "server/earth/earth.h"
 #include "server/http/any_origin.h"
 #include "server/map/mercator.h"
-#include "server/map/picture.h"
 #include "server/map/sheet.h"
+#include "server/map/tile.h"
 
 namespace ridgecast::http {
 
@@ -62,11 +60,8 @@ Outcome<Placing> readQuery(std::string_view query) {
   if (!beyond->empty() && *beyond != "empty") return Error{"beyond is empty: tiles beside the map are answered by 204, without a picture."};
   Placing out{.at = {}, .emptyBeyond = !beyond->empty()};
   if (at->empty()) return out;
-  std::string_view rest = *at;
-  const auto longitude = text::number<double>(text::takePart(rest, ',')), latitude = text::number<double>(rest);
-  if (!longitude || !latitude || !(std::abs(*longitude) <= 180) || !(std::abs(*latitude) <= map::kMostLatitude))
-    return Error{"Say at=LON,LAT, where the world's origin lies, in degrees: longitude within 180, latitude within 85."};
-  out.at = map::Place{*longitude, *latitude};
+  out.at = map::placeOf(*at);
+  if (!out.at) return Error{"Say at=LON,LAT, where the world's origin lies, in degrees: longitude within 180, latitude within 85."};
   return out;
 }
 
@@ -80,24 +75,12 @@ Outcome<std::string> handedOn(std::string_view query) {
   return {boost::system::in_place_value, std::move(out)};
 }
 
-Answer heightsOf(const terrain::Terrain& terrain, const map::Sheet& sheet, const std::stop_token& stop) {
-  const std::vector<float> heights = map::heights(terrain, sheet, stop);
-  if (heights.empty()) return openRefusal(503, "This tile was not made: its client left.");
-  std::vector<std::uint8_t> rgb(3 * heights.size());
-  for (std::size_t k = 0; k < heights.size(); ++k) map::terrarium(heights[k], &rgb[3 * k]);
+Answer fileOf(const terrain::Terrain& terrain, const map::Sheet& sheet, bool colours, const std::stop_token& stop) {
   Answer a;
-  a.type = "image/png";
-  a.body = map::png(rgb, sheet.columns, sheet.rows);
-  return a;
-}
-
-Answer coloursOf(const terrain::Terrain& terrain, const map::Sheet& sheet, const std::stop_token& stop) {
-  const auto rgb = map::colours(terrain, sheet, stop);
+  a.type = colours ? "image/jpeg" : "image/png";
+  a.body = colours ? map::colourTile(terrain, sheet, stop) : map::heightTile(terrain, sheet, stop);
   if (stop.stop_requested()) return openRefusal(503, "This tile was not made: its client left.");
-  if (rgb.empty()) return openRefusal(422, "This terrain's colours exist in GLSL alone; its heights have tiles.");
-  Answer a;
-  a.type = "image/jpeg";
-  a.body = map::jpeg(rgb, sheet.columns, sheet.rows);
+  if (a.body.empty()) return openRefusal(422, "This terrain's colours exist in GLSL alone; its heights have tiles.");
   return a;
 }
 
@@ -128,13 +111,13 @@ Answer tileOf(const terrain::Terrain& terrain, const Wanted& wanted, const Placi
     return opened(std::move(empty));
   }
   if (!sheet) return openRefusal(404, "The CRS of this map does not reach this tile: ask for a finer one, or say at=LON,LAT.");
-  return wanted.colours ? coloursOf(terrain, *sheet, stop) : heightsOf(terrain, *sheet, stop);
+  return fileOf(terrain, *sheet, wanted.colours, stop);
 }
 
 // TileJSON 3.0.0, with what MapLibre reads of it beyond. `folder`: of the tiles, an absolute address.
 Answer listOf(const std::string& name, bool colours, const Placing& asked, const terrain::Raster* map, const std::string& folder,
               const std::string& query) {
-  const auto bounds = map ? map::boundsOf(*map, asked.at) : std::optional(map::Bounds());
+  const auto bounds = map ? map::boundsOf(map::areaOf(map->shape()), map, asked.at) : std::optional(map::Bounds());
   if (!bounds) return openRefusal(400, kSayAt);
   const auto [west, south, east, north] = *bounds;
   const map::Place middle = asked.at.value_or(map::Place{(west + east) / 2, (south + north) / 2});

@@ -73,14 +73,21 @@ class Asking {
   // Begins with the work: PROJ takes its time.
   ToWorld toWorldOf(const std::string& crs) {
     if (crs.empty()) return {};
-    return [this, crs](double first, double second) -> std::optional<std::array<double, 2>> {
+    return [this, crs](std::span<double> one) {
       if (!coordinates_) {
         const auto terrain = session_->ground().terrain;
-        auto made = earth::Coordinates::of(terrain, session_->resources().limits.sendsTerrain ? terrain->raster() : nullptr, crs);
-        if (!made) return wrong_ = made.error(), std::nullopt;
+        auto made = earth::Coordinates::of(session_->resources().limits.sendsTerrain ? terrain->raster() : nullptr, crs);
+        if (!made) return wrong_ = made.error(), false;
         coordinates_ = std::move(*made);
       }
-      return coordinates_->world(first, second);
+      const auto world = coordinates_->world(one[0], one[1]);
+      if (!world) return false;
+      if (one.size() == 2) return std::ranges::copy(*world, one.begin()), true;
+      const auto north = coordinates_->north(one[0], one[1]);
+      if (!north) return false;
+      const auto [x, z] = *north;
+      const double ray[] = {(*world)[0], one[2], (*world)[1], one[4] * x - one[3] * z, one[5], one[4] * z + one[3] * x};
+      return std::ranges::copy(ray, one.begin()), true;
     };
   }
 
@@ -116,9 +123,14 @@ class Asking {
     if (made_.distances[k] < 0) return "null";
     const wire::Ray& ray = answering_->query().rays[k];
     const double t = made_.distances[k] / std::hypot(ray.directionX, ray.directionY, ray.directionZ);
-    return "{\"distance\": " + number(made_.distances[k]) + ", \"at\": [" +
-           number(static_cast<double>(ray.x) * lattice::kMetresPerStep + t * ray.directionX) + ", " + number(ray.y + t * ray.directionY) +
-           ", " + number(static_cast<double>(ray.z) * lattice::kMetresPerStep + t * ray.directionZ) + "]}";
+    std::array at{lattice::metres(ray.x) + t * ray.directionX, ray.y + t * ray.directionY, lattice::metres(ray.z) + t * ray.directionZ};
+    if (coordinates_) {
+      const auto theirs = coordinates_->fromWorld(at[0], at[2]);
+      if (!theirs) return "{\"distance\": " + number(made_.distances[k]) + ", \"at\": null}";
+      at = {(*theirs)[0], (*theirs)[1], at[1]};
+    }
+    return "{\"distance\": " + number(made_.distances[k]) + ", \"at\": [" + number(at[0]) + ", " + number(at[1]) + ", " + number(at[2]) +
+           "]}";
   }
 
   Answer whole() {
@@ -150,18 +162,11 @@ Answer inTurns(std::shared_ptr<Asking> asking) {
   return madeBy({.work = [asking = std::move(asking)](const std::stop_token& stop) { return asking->turn(stop); }});
 }
 
-// The CRS of the places; empty: metres of the world.
-Outcome<std::string> crsOf(const QueryForm& form, std::string_view query) {
-  auto crs = queryParameter(query, "crs");
-  if (crs && !crs->empty() && form.kind == QueryKind::kRays) return Error{"Rays have the axes of the world: ask for them without crs."};
-  return crs;
-}
-
 // The body of a request, to be read in its session.
 Outcome<Enter> posted(const QueryForm& form, BodyType type, std::string_view query, const std::string& client) {
   const auto option = optionOf(form, query);
   if (!option) return option.error();
-  const auto crs = crsOf(form, query);
+  const auto crs = queryParameter(query, "crs");
   if (!crs) return crs.error();
   const std::size_t most = mostBytes(form, type);
   std::string tooLong = "The body has more than " + std::to_string(most) + " bytes; ask for at most " + std::to_string(form.mostInBody) +
@@ -180,7 +185,7 @@ Outcome<Enter> inUrl(const QueryForm& form, std::string_view query, const std::s
   if (!numbers) return numbers.error();
   const auto option = optionOf(form, query);
   if (!option) return option.error();
-  const auto crs = crsOf(form, query);
+  const auto crs = queryParameter(query, "crs");
   if (!crs) return crs.error();
   auto asked = queryOf(form, crs->empty() ? std::span<const double>(*numbers) : std::span<const double>(), *option);
   if (!asked) return asked.error();

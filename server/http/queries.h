@@ -4,7 +4,8 @@
 //   GET /v1/normals?at=X,Z&spacing=METRES    {"normals": [[x, y, z], ...]}
 //   GET /v1/rays?ray=X,Y,Z,DX,DY,DZ&reach=M  {"rays": [{"distance": metres, "at": [x, y, z]} or null, ...]}
 // Places are in metres or, on a map that says where it lies, with &crs=lonlat longitudes and latitudes in degrees, with &crs=EPSG:N
-// eastings and northings; normals and rays keep the world's axes. Places are rounded to the lattice's 1/256 m. &session=NAME selects a
+// eastings and northings; then a ray is its two coordinates, height and direction east, north and up, in metres of the world, and is hit
+// `at` two coordinates and a height. Normals keep the world's axes. Places are rounded to the lattice's 1/256 m. &session=NAME selects a
 // session (default `default`), and &terrain=NAME makes it, as a stream's URL does. Repeat `at` and `ray` as often as the header's limit
 // allows, up to kMaxHttpPlaces and kMaxHttpRays. The numbers equal those of the socket's queries, digit for digit. The header
 // Ridgecast-Edit says which edits the answer knows, and asks for one.

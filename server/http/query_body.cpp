@@ -20,9 +20,10 @@ namespace {
 
 static_assert(std::endian::native == std::endian::little, "bodies are sent and read as they lie in memory");
 
-constexpr char kPlace[] = "A place is X,Z: two numbers in metres, within 4.398e12 of the origin";
+constexpr char kPlace[] = "A place is X,Z: two numbers in metres, within 4.398e12 of the origin (with crs, its two coordinates)";
 constexpr char kRay[] =
-    "A ray is X,Y,Z,DX,DY,DZ: six numbers, a place in metres within 4.398e12 (Y within 1e6) and a direction that is not 0";
+    "A ray is X,Y,Z,DX,DY,DZ: six numbers, a place in metres within 4.398e12 (Y within 1e6) and a direction that is not 0 (with crs, the "
+    "place's two coordinates, its height, and the direction's metres east, north and up)";
 constexpr char kSpacing[] = "spacing is the distance to each side for the slope, 0.004 to 256 metres.";
 constexpr char kReach[] = "reach is the length of the rays, 0 to 100000 metres.";
 
@@ -121,12 +122,11 @@ Outcome<std::vector<double>> numbersOfUrl(const QueryForm& form, std::string_vie
 }
 
 std::optional<Outcome<wire::Query>> BodyReader::place() {
-  for (const std::size_t end = std::min(numbers_.size(), placed_ + kValuesATime); toWorld_ && placed_ < end; placed_ += 2) {
-    const auto world = toWorld_(numbers_[placed_], numbers_[placed_ + 1]);
-    if (!world) return Error{"The CRS of the map does not reach place number " + std::to_string(placed_ / 2 + 1) + "."};
-    numbers_[placed_] = (*world)[0];
-    numbers_[placed_ + 1] = (*world)[1];
-  }
+  const std::size_t end = std::min(numbers_.size(), placed_ + kValuesATime);
+  for (; toWorld_ && placed_ < end; placed_ += form_.numbers)
+    if (!toWorld_(std::span(numbers_).subspan(placed_, form_.numbers)))
+      return Error{"The CRS of the map does not reach " + std::string(form_.kind == QueryKind::kRays ? "ray" : "place") + " number " +
+                   std::to_string(placed_ / form_.numbers + 1) + "."};
   if (toWorld_ && placed_ < numbers_.size()) return std::nullopt;
   return queryOf(form_, numbers_, option_);
 }

@@ -1,7 +1,6 @@
 #pragma once
 // What a query over HTTP asks: from a URL, or from a body. Any thread, one at a time for a BodyReader.
 
-#include <array>
 #include <cstddef>
 #include <functional>
 #include <optional>
@@ -39,8 +38,8 @@ Outcome<std::vector<double>> numbersOfUrl(const QueryForm& form, std::string_vie
 Outcome<wire::Query> queryOf(const QueryForm& form, std::span<const double> all, std::optional<double> option);
 Outcome<std::optional<double>> optionOf(const QueryForm& form, std::string_view query);
 
-// From a pair of numbers of the person's to metres of the world.
-using ToWorld = std::function<std::optional<std::array<double, 2>>(double, double)>;
+// Takes the numbers of one place or ray from the person's coordinates to the world's. False: there is no such place.
+using ToWorld = std::function<bool(std::span<double> one)>;
 
 // Reads a body, of JSON a little at a time, and places what it asks for.
 class BodyReader {

@@ -134,7 +134,7 @@ std::string routeOf(std::string_view path) {
       return std::string(sessions) + "{session}/3dtiles" + tile;
   if (path.starts_with(sessions) && (path.ends_with("/edits") || path.find("/edits/") != std::string_view::npos))
     return std::string(sessions) + "{session}/edits";
-  for (const std::string_view snapshot : {"/snapshot.glb", "/snapshot.json", "/snapshot.ply", "/snapshot.obj"})
+  for (const std::string_view snapshot : {"/snapshot.glb", "/snapshot.json", "/snapshot.ply", "/snapshot.obj", "/snapshot.tif"})
     if (path.starts_with(sessions) && path.ends_with(snapshot)) return std::string(sessions) + "{session}" + std::string(snapshot);
   if (path.starts_with(sessions)) {  // tiles (map_tiles.h)
     path.remove_prefix(sessions.size());

@@ -33,9 +33,10 @@ Answer answerOf(const Problem& problem) {
 }
 
 std::string typeOf(snapshot::Format format) {
-  return format == snapshot::Format::kGlb   ? "model/gltf-binary"
-         : format == snapshot::Format::kObj ? "model/obj"
-                                            : "application/octet-stream";
+  return format == snapshot::Format::kGlb    ? "model/gltf-binary"
+         : format == snapshot::Format::kObj  ? "model/obj"
+         : format == snapshot::Format::kTiff ? "image/tiff; application=geotiff; profile=cloud-optimized"
+                                             : "application/octet-stream";
 }
 
 Answer with(Answer a, const Headers& headers) {

@@ -11,7 +11,8 @@ namespace {
 constexpr std::string_view kMetadata = "snapshot.json";
 
 bool isThere(std::string_view file) {
-  return file == kMetadata || (file.starts_with("snapshot.") && file.rfind('.') == 8 && snapshot::formatOf(file));
+  const auto format = snapshot::formatOf(file);
+  return file == kMetadata || (file.starts_with("snapshot.") && file.rfind('.') == 8 && format && format != snapshot::Format::kArchive);
 }
 
 }  // namespace
@@ -20,11 +21,17 @@ Route snapshotRoute(std::shared_ptr<session::Directory> directory, Maker maker) 
   return sessionFileRoute(
       std::move(directory), isThere,
       [maker = std::move(maker)](const Request& request, std::shared_ptr<session::Session> session, std::string_view file) {
-        auto ground = session->ground();
-        auto question = snapshot::parse(request.query(), maker.snapshots->limits(), ground.terrain->raster(),
-                                        snapshot::formatOf(file).value_or(snapshot::Format::kGlb));
-        if (!question) return openRefusal(400, question.error().message);
-        return fileOf(maker, std::move(session), std::move(ground), std::move(*question), file == kMetadata);
+        const auto crs = queryParameter(request.query(), "crs");
+        auto ask = [maker, session = std::move(session), query = std::string(request.query()), file = std::string(file),
+                    isPlaced = crs && !crs->empty()](const std::stop_token&) {
+          auto ground = session->ground();
+          const bool isPrivate = isPlaced && !session->resources().limits.sendsTerrain;
+          auto question = snapshot::parse(query, maker.snapshots->limits(), isPrivate ? nullptr : ground.terrain->raster(),
+                                          snapshot::formatOf(file).value_or(snapshot::Format::kGlb));
+          if (!question) return openRefusal(400, question.error().message);
+          return fileOf(maker, session, std::move(ground), std::move(*question), file == kMetadata);
+        };
+        return crs && !crs->empty() ? madeBy({.work = std::move(ask)}) : ask({});  // PROJ takes its time
       });
 }
 

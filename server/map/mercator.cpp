@@ -6,6 +6,7 @@
 #include <numbers>
 
 #include "common/lattice/lattice.h"
+#include "common/text/text.h"
 #include "server/earth/earth.h"
 
 namespace ridgecast::map {
@@ -29,6 +30,12 @@ bool bend(Sheet& sheet, F&& place) {
 }
 
 }  // namespace
+
+std::optional<Place> placeOf(std::string_view text) {
+  const auto longitude = text::number<double>(text::takePart(text, ',')), latitude = text::number<double>(text);
+  if (!longitude || !latitude || !(std::abs(*longitude) <= 180) || !(std::abs(*latitude) <= kMostLatitude)) return std::nullopt;
+  return Place{*longitude, *latitude};
+}
 
 Sheet sheetOf(const TileAddress& tile, const Place& origin, const terrain::Raster* map) {
   const double latitude = origin.latitude * kRadians, scale = std::cos(latitude) * lattice::kStepsPerMetre;
@@ -78,12 +85,16 @@ std::optional<Sheet> sheetOf(const TileAddress& tile, const terrain::Raster& map
   return out;
 }
 
-std::optional<Bounds> boundsOf(const terrain::Raster& map, const std::optional<Place>& origin) {
+lattice::Area areaOf(const terrain::RasterShape& map) {
+  return {map.x.origin, map.z.origin, map.x.of(map.width - 1), map.z.of(map.height - 1)};
+}
+
+std::optional<Bounds> boundsOf(const lattice::Area& part, const terrain::Raster* map, const std::optional<Place>& origin) {
   constexpr std::int64_t kParts = 16;  // of a side, which may be bent
-  const auto grid = terrain::onGrid(map, {});
-  const earth::Grid* const projection = origin ? nullptr : earth::Grid::of(map);
+  const auto grid = map ? terrain::onGrid(*map, {}) : std::nullopt;
+  const earth::Grid* const projection = origin || !map ? nullptr : earth::Grid::of(*map);
   if (!origin && !projection) return std::nullopt;
-  const auto turn = origin ? earth::turnOf(map, {}).value_or(earth::Turn()) : earth::Turn();
+  const auto turn = origin && map ? earth::turnOf(*map, {}).value_or(earth::Turn()) : earth::Turn();
   const auto degrees = [&](double x, double z) -> std::optional<std::array<double, 2>> {  // metres from the origin
     if (projection) return projection->degrees({grid->easting + x, grid->northing - z});
     const double east = turn.cosine * x + turn.sine * z, south = turn.cosine * z - turn.sine * x;
@@ -95,22 +106,21 @@ std::optional<Bounds> boundsOf(const terrain::Raster& map, const std::optional<P
   Bounds out{all.east, all.north, all.west, all.south};
   double before = 0;
   bool isCrossed = false;
-  const terrain::RasterShape& shape = map.shape();
-  const auto along = [](const terrain::RasterAxis& axis, std::uint32_t samples, std::int64_t part) {
-    return lattice::metres(axis.of(std::int64_t{samples - 1} * part / kParts));
+  const auto along = [](lattice::Step from, lattice::Step to, std::int64_t t) {
+    return lattice::metres(from) + lattice::metres(to - from) * static_cast<double>(t) / kParts;
   };
   for (std::int64_t k = 0; k <= 4 * kParts; ++k) {  // once around
-    const std::int64_t part = k % kParts, side = k / kParts % 4;
-    const auto place = degrees(along(shape.x, shape.width,
-                                     side == 0   ? part
+    const std::int64_t t = k % kParts, side = k / kParts % 4;
+    const auto place = degrees(along(part.x0, part.x1,
+                                     side == 0   ? t
                                      : side == 1 ? kParts
-                                     : side == 2 ? kParts - part
+                                     : side == 2 ? kParts - t
                                                  : 0),
-                               along(shape.z, shape.height,
+                               along(part.z0, part.z1,
                                      side == 0   ? 0
-                                     : side == 1 ? part
+                                     : side == 1 ? t
                                      : side == 2 ? kParts
-                                                 : kParts - part));
+                                                 : kParts - t));
     if (!place) return all;
     const auto [longitude, latitude] = *place;
     isCrossed |= std::abs(longitude) > 180 || (k > 0 && std::abs(longitude - before) > 180);
@@ -121,6 +131,16 @@ std::optional<Bounds> boundsOf(const terrain::Raster& map, const std::optional<P
   out.south = std::max(out.south, all.south);
   out.north = std::min(out.north, all.north);
   return out;
+}
+
+TileRange tilesOf(const Bounds& bounds, int level) {
+  const double tiles = std::ldexp(1.0, level);
+  const auto within = [&](double at) { return static_cast<std::uint32_t>(std::clamp(std::floor(at), 0.0, tiles - 1)); };
+  const auto column = [&](double longitude) { return within((longitude / 360 + 0.5) * tiles); };
+  const auto row = [&](double latitude) {
+    return within((0.5 - std::asinh(std::tan(latitude * kRadians)) / (2 * std::numbers::pi)) * tiles);
+  };
+  return {column(bounds.west), row(bounds.north), column(bounds.east), row(bounds.south)};
 }
 
 int finestLevelOf(const terrain::RasterShape& map, double latitude) {
@@ -140,9 +160,9 @@ bool isBeside(const Sheet& sheet, const terrain::RasterShape& map) {
     north = std::min(north, node.z);
     south = std::max(south, node.z);
   }
-  const auto end = [](const terrain::RasterAxis& axis, std::uint32_t samples) { return static_cast<double>(axis.of(samples - 1)); };
-  return east < static_cast<double>(map.x.origin) || west > end(map.x, map.width) || south < static_cast<double>(map.z.origin) ||
-         north > end(map.z, map.height);
+  const lattice::Area all = areaOf(map);
+  return east < static_cast<double>(all.x0) || west > static_cast<double>(all.x1) || south < static_cast<double>(all.z0) ||
+         north > static_cast<double>(all.z1);
 }
 
 void terrarium(float height, std::uint8_t* rgb) {

@@ -13,7 +13,9 @@
 
 #include <cstdint>
 #include <optional>
+#include <string_view>
 
+#include "common/lattice/lattice.h"
 #include "common/terrain/raster.h"
 #include "server/map/sheet.h"
 
@@ -27,6 +29,9 @@ struct Place {
   double longitude = 0, latitude = 0;  // degrees
 };
 
+// LON,LAT: longitude within 180, latitude within kMostLatitude. Empty: anything else.
+std::optional<Place> placeOf(std::string_view text);
+
 struct TileAddress {
   int level = 0;               // 0..kFinestTileLevel
   std::uint32_t x = 0, y = 0;  // below 2^level
@@ -39,12 +44,20 @@ Sheet sheetOf(const TileAddress& tile, const Place& origin, const terrain::Raste
 // The same where the map itself says that it lies; empty: it does not, or its CRS does not reach the tile.
 std::optional<Sheet> sheetOf(const TileAddress& tile, const terrain::Raster& map);
 
-// The rectangle of longitudes and latitudes around a map, laid at `origin` or where it says that it lies, in degrees; all longitudes where
-// it lies across the 180th meridian. Empty: as above.
+// The rectangle of longitudes and latitudes around a part of the world, laid at `origin` or where its map says that it lies, in degrees; all
+// longitudes where it lies across the 180th meridian. Empty: as above.
 struct Bounds {
   double west = -180, south = -85.051129, east = 180, north = 85.051129;
 };
-std::optional<Bounds> boundsOf(const terrain::Raster& map, const std::optional<Place>& origin);
+// From a map's first sample to its last.
+lattice::Area areaOf(const terrain::RasterShape& map);
+std::optional<Bounds> boundsOf(const lattice::Area& part, const terrain::Raster* map, const std::optional<Place>& origin);
+// The tiles of a level that it meets.
+struct TileRange {
+  std::uint32_t x0 = 0, y0 = 0, x1 = 0, y1 = 0;  // with both ends
+  std::uint64_t count() const { return std::uint64_t{x1 - x0 + 1} * (y1 - y0 + 1); }
+};
+TileRange tilesOf(const Bounds& bounds, int level);
 
 // The coarsest level whose pixels are as fine as the map's samples.
 int finestLevelOf(const terrain::RasterShape& map, double latitude);

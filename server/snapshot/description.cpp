@@ -6,6 +6,7 @@
 #include "common/terrain/raster.h"
 #include "common/text/text.h"
 #include "common/user_terrain/declaration.h"
+#include "server/earth/earth.h"
 
 namespace ridgecast::snapshot {
 
@@ -40,8 +41,11 @@ void describeWorld(const session::Session& session, const session::Ground& groun
   const terrain::Raster* const map = terrain.raster();
   const auto place = map ? terrain::onGrid(*map, origin) : std::nullopt;
   if (!place) return;
-  extras["georeference"] = {{"easting", place->easting}, {"northing", place->northing}};
-  if (const std::string crs = map->origin().crs; !crs.empty()) extras["georeference"]["crs"] = crs;
+  Json& georeference = extras["georeference"] = {{"easting", place->easting}, {"northing", place->northing}};
+  if (const std::string crs = map->origin().crs; !crs.empty()) georeference["crs"] = crs;
+  const auto* const grid = earth::Grid::of(*map);
+  if (const auto degrees = grid ? grid->degrees(*place) : std::nullopt)
+    georeference["longitude"] = (*degrees)[0], georeference["latitude"] = (*degrees)[1];
 }
 
 }  // namespace ridgecast::snapshot

@@ -5,6 +5,7 @@
 #include <charconv>
 #include <cmath>
 #include <numbers>
+#include <utility>
 
 #include "common/settings/settings.h"
 #include "common/text/text.h"
@@ -38,37 +39,134 @@ OfPose poseOf(Parameters& p, const Limits& limits) {
   return out;
 }
 
-// From the first to the last sample.
-OfBox wholeOf(const terrain::RasterShape& s) {
-  OfBox out;
-  out.low = {s.x.origin, s.z.origin};
-  out.high = {s.x.of(s.width - 1), s.z.of(s.height - 1)};
+using Corners = std::array<double, 4>;
+
+std::optional<Corners> cornersOf(std::string_view text) {
+  Corners out;
+  for (double& v : out) {
+    const auto number = text::number<double>(text::takePart(text, ','));
+    if (!number || !(std::abs(*number) <= kMostMetres)) return std::nullopt;
+    v = *number;
+  }
+  return text.empty() ? std::optional(out) : std::nullopt;
+}
+
+// The least box of the world around west, south, east, north of a CRS.
+Outcome<Corners> around(Corners theirs, earth::Coordinates& coordinates, bool isLonLat) {
+  constexpr int kParts = 64;  // of a side, which is no straight line
+  const auto [west, south, east, north] = theirs;
+  const double width = east - west + (isLonLat && east < west ? 360 : 0);  // across the 180th meridian
+  if (!(width > 0 && (width < 180 || !isLonLat) && north > south))
+    return Error{"With crs a box is WEST,SOUTH,EAST,NORTH: let it begin in the south-west."};
+  Corners out{INFINITY, INFINITY, -INFINITY, -INFINITY};
+  for (int k = 0; k <= kParts; ++k) {
+    const double t = k / static_cast<double>(kParts), x = west + t * width, y = south + t * (north - south);
+    for (const auto& [first, second] : {std::pair(x, south), {x, north}, {west, y}, {west + width, y}}) {
+      const auto world = coordinates.world(first, second);
+      if (!world || !(std::abs((*world)[0]) <= kMostMetres && std::abs((*world)[1]) <= kMostMetres))
+        return Error{"The CRS of the map does not reach all of the box's sides; make it smaller."};
+      out = {std::min(out[0], (*world)[0]), std::min(out[1], (*world)[1]), std::max(out[2], (*world)[0]), std::max(out[3], (*world)[1])};
+    }
+  }
   return out;
 }
 
-OfBox boxOf(Parameters& p, const Limits& limits, const terrain::Raster* map) {
-  OfBox out;
-  double corner[4];
-  const char* names[4] = {"x0", "z0", "x1", "z1"};
-  if (const auto all = p.take("box")) {
-    if (*all != "all" || !map)
-      p.refuse(*all == "all" ? "box=all is the whole of a height map, and this terrain never ends: say x0, z0, x1 and z1."
-                             : "'box' is " + inQuotes(*all) + "; it must be all, or say x0, z0, x1 and z1.");
-    if (map) out = wholeOf(map->shape());
-    const double at[4] = {metres(out.low.x), metres(out.low.z), metres(out.high.x), metres(out.high.z)};
-    std::ranges::copy(at, corner);
-  } else {
-    for (int k = 0; k < 4; ++k) corner[k] = p.number(names[k], -kMostMetres, kMostMetres, " m");
+// X0,Z0,X1,Z1, or another CRS's corners, or all of a map.
+Outcome<Corners> namedBox(const std::string& text, const std::optional<std::string>& crs, const terrain::Raster* map) {
+  if (text == "all") {
+    if (!map) return Error{"box=all is the whole of a height map, and this terrain never ends: say x0, z0, x1 and z1."};
+    if (crs) return Error{"box=all is the whole of a height map, in any CRS: leave crs out."};
+    const lattice::Area all = map::areaOf(map->shape());
+    return Corners{metres(all.x0), metres(all.z0), metres(all.x1), metres(all.z1)};
   }
-  out.error = p.number("error", limits.leastError, limits.mostError, " m");
-  for (int k = 0; k < 2; ++k) {
+  const auto corners = cornersOf(text);
+  if (!corners)
+    return Error{"'box' is " + inQuotes(text) +
+                 "; it must be X0,Z0,X1,Z1 in metres of the world, WEST,SOUTH,EAST,NORTH with crs, or all of a height map."};
+  if (!crs) return *corners;
+  auto coordinates = earth::Coordinates::of(map, *crs);
+  if (!coordinates) return coordinates.error();
+  return around(*corners, *coordinates, *crs == "lonlat");
+}
+
+Corners cornersOf(Parameters& p, const Limits& limits, const terrain::Raster* map) {
+  Corners corner{};
+  const char* names[4] = {"x0", "z0", "x1", "z1"};
+  if (const auto text = p.take("box")) {
+    const auto named = namedBox(*text, p.take("crs"), map);
+    if (!named) p.refuse(named.error().message);
+    corner = named ? *named : corner;
+  } else {
+    for (std::size_t k = 0; k < 4; ++k) corner[k] = p.number(names[k], -kMostMetres, kMostMetres, " m");
+  }
+  for (std::size_t k = 0; k < 2; ++k) {
     const double side = corner[k + 2] - corner[k];
     if (!(side >= 1 && side <= limits.boxSide))
       p.refuse("The box is " + text::rounded(side, 12) + " m wide from " + names[k] + " to " + names[k + 2] + "; it must be 1 to " +
                text::rounded(limits.boxSide, 12) + " m.");
   }
+  return corner;
+}
+
+OfBox boxOf(Parameters& p, const Limits& limits, const terrain::Raster* map) {
+  OfBox out;
+  const Corners corner = cornersOf(p, limits, map);
   out.low = {steps(corner[0]), steps(corner[1])};
   out.high = {steps(corner[2]), steps(corner[3])};
+  out.error = p.number("error", limits.leastError, limits.mostError, " m");
+  return out;
+}
+
+// The samples of a map within a step of a stretch: the first, and the last.
+std::pair<std::int64_t, std::int64_t> samplesWithin(const terrain::RasterAxis& axis, double from, double to) {
+  const auto origin = static_cast<double>(axis.origin), pitch = axis.steps();
+  return {static_cast<std::int64_t>(std::ceil((from - 1 - origin) / pitch)),
+          static_cast<std::int64_t>(std::floor((to + 1 - origin) / pitch))};
+}
+
+OfGrid gridOf(Parameters& p, const Limits& limits, const terrain::Raster* map) {
+  Corners corner = cornersOf(p, limits, map);
+  for (double& v : corner) v *= lattice::kStepsPerMetre;
+  OfGrid out;
+  double columns = 0, rows = 0;
+  if (p.has("spacing") || !map) {
+    const double spacing = p.number("spacing", limits.leastSpacing, limits.mostSpacing, " m") * lattice::kStepsPerMetre;
+    out.sheet = {.x = corner[0], .z = corner[1], .pitchX = spacing, .pitchZ = spacing};
+    columns = std::floor((corner[2] - corner[0]) / spacing + 1e-6) + 1;
+    rows = std::floor((corner[3] - corner[1]) / spacing + 1e-6) + 1;
+  } else {
+    const terrain::RasterAxis &x = map->shape().x, &z = map->shape().z;
+    const auto [west, east] = samplesWithin(x, corner[0], corner[2]);
+    const auto [north, south] = samplesWithin(z, corner[1], corner[3]);
+    const auto at = [](const terrain::RasterAxis& axis, std::int64_t sample) {
+      return static_cast<double>(axis.origin) + static_cast<double>(sample) * axis.steps();
+    };
+    out.sheet = {.x = at(x, west), .z = at(z, north), .pitchX = x.steps(), .pitchZ = z.steps()};
+    out.first = {{west, north}};
+    columns = static_cast<double>(east - west + 1);
+    rows = static_cast<double>(south - north + 1);
+  }
+  if (!(columns >= 2 && rows >= 2)) p.refuse("The box has fewer than 2 x 2 samples; make it larger, or the spacing smaller.");
+  if (!(columns * rows <= limits.samples))
+    p.refuse("The grid has " + text::rounded(columns, 12) + " x " + text::rounded(rows, 12) + " samples; it may have " +
+             std::to_string(limits.samples) + ": make the box smaller or the spacing larger.");
+  out.sheet.columns = static_cast<std::uint32_t>(std::clamp(columns, 0.0, 1e9));
+  out.sheet.rows = static_cast<std::uint32_t>(std::clamp(rows, 0.0, 1e9));
+  return out;
+}
+
+OfMapTiles mapTilesOf(Parameters& p, const Limits& limits, const terrain::Raster* map) {
+  OfMapTiles out;
+  const Corners corner = cornersOf(p, limits, map);
+  out.part = {steps(corner[0]), steps(corner[1]), steps(corner[2]), steps(corner[3])};
+  if (const auto at = p.take("at")) {
+    out.at = map::placeOf(*at);
+    if (!out.at) p.refuse("'at' is " + inQuotes(*at) + "; it must be LON,LAT: degrees within 180 and 85.");
+  }
+  if (p.has("zoom") || !map) out.finest = static_cast<int>(p.whole("zoom", 0, map::kFinestTileLevel, ""));
+  const std::string layer = p.take("layer").value_or("heights");
+  if (layer != "heights" && layer != "colours") p.refuse("'layer' is " + inQuotes(layer) + "; it must be heights or colours.");
+  out.colours = layer == "colours";
   return out;
 }
 
@@ -114,19 +212,23 @@ Outcome<Question> parse(std::string_view query, const Limits& limits, const terr
     if (out.isZUp && format != Format::kPly && format != Format::kObj)
       p.refuse("glTF has y up; leave 'up' out, or ask for a .ply or an .obj.");
   }
-  const bool inTiles = format == Format::kTiles;
+  const bool inTiles = format == Format::kTiles, isGrid = format == Format::kTiff, isArchive = format == Format::kArchive;
   if (inTiles && (p.has("texture") || p.has("origin")))
     p.refuse("Tiles have neither a texture nor an origin of their own; leave them out, or ask for a .glb.");
-  readForm(p, out);
+  if (!isGrid && !isArchive) readForm(p, out);
   if (inTiles) out.where = readWhere(p);
-  if (const auto value = p.take("origin")) {
+  if (const auto value = isGrid || isArchive ? std::nullopt : p.take("origin")) {
     const auto known = std::ranges::find(kOrigins, *value);
     if (known == kOrigins.end())
       p.refuse("'origin' is " + inQuotes(*value) + "; it must be cell, centre or world.");
     else
       out.origin = static_cast<Origin>(known - kOrigins.begin());
   }
-  if (p.has("camera") && !inTiles)
+  if (isGrid)
+    out.of = gridOf(p, limits, map);
+  else if (isArchive)
+    out.of = mapTilesOf(p, limits, map);
+  else if (p.has("camera") && !inTiles)
     out.of = OfCamera{p.whole("camera", 1, ~std::uint64_t{0}, "")};
   else if (p.has("x0") || p.has("z0") || p.has("x1") || p.has("z1") || p.has("box"))
     out.of = boxOf(p, limits, map);
@@ -139,9 +241,12 @@ Outcome<Question> parse(std::string_view query, const Limits& limits, const terr
     if (out.compression == gltf::Compression::kDraco) p.refuse("A texture goes with compression=none; leave one of them out.");
     out.colours = false;
   }
-  if (auto error = p.finish("A snapshot is of camera=ID, of x, z, altitude, yaw, pitch, fov, width, height, threshold, colour_error, or of "
-                            "x0, z0, x1, z1, error, texture (or box=all in place of the corners); with compression, normals, colours, "
-                            "origin and up."))
+  if (auto error = p.finish(
+          isGrid      ? "A GeoTIFF is of x0, z0, x1, z1 or box, with crs or without, and spacing."
+          : isArchive ? "A PMTiles archive is of x0, z0, x1, z1 or box, with crs or without, and layer, zoom and at."
+                      : "A snapshot is of camera=ID, of x, z, altitude, yaw, pitch, fov, width, height, threshold, colour_error, or of "
+                        "x0, z0, x1, z1, error, texture (or box, with crs or without, in place of the corners); with compression, normals, "
+                        "colours, origin and up."))
     return *error;
   return out;
 }
@@ -150,6 +255,8 @@ std::optional<Format> formatOf(std::string_view file) {
   if (file.ends_with(".glb")) return Format::kGlb;
   if (file.ends_with(".ply")) return Format::kPly;
   if (file.ends_with(".obj")) return Format::kObj;
+  if (file.ends_with(".tif")) return Format::kTiff;
+  if (file.ends_with(".pmtiles")) return Format::kArchive;
   return std::nullopt;
 }
 
@@ -157,7 +264,7 @@ std::string canonical(const Question& q) {
   std::string out = q.compression == gltf::Compression::kDraco ? "draco" : "none";
   out += q.normals ? " normals" : "";
   out += q.colours ? " colours" : "";
-  if (q.format != Format::kGlb) out += q.format == Format::kPly ? " ply" : " obj";
+  if (q.format == Format::kPly || q.format == Format::kObj) out += q.format == Format::kPly ? " ply" : " obj";
   if (q.origin != Origin::kCell) out += q.origin == Origin::kCentre ? " centre" : " world";
   if (q.isZUp) out += " z-up";
   if (q.texture) out += " texture " + std::to_string(q.texture);
@@ -190,6 +297,13 @@ std::string canonical(const Question& q) {
     out += " tile";
     add(tile->square.level);
     addBox(tile->box);
+  } else if (const auto* grid = std::get_if<OfGrid>(&q.of)) {
+    out += " grid";
+    const map::Sheet& sheet = grid->sheet;
+    for (const double v : {sheet.x, sheet.z, sheet.pitchX, sheet.pitchZ}) addExact(v);
+    add(sheet.columns);
+    add(sheet.rows);
+    if (grid->first) out += " of the map";
   }
   return out;
 }

@@ -6,9 +6,16 @@
 //   x z altitude yaw pitch [fov width height threshold colour_error]
 //                                                            refined until it settles; y instead of altitude: absolute height
 //   x0 z0 x1 z1 error                                        covered exactly, at most `error` metres off vertically
-//   box=all error                                            the same for the whole height map
+//   box=X0,Z0,X1,Z1 error                                    the same
+//   box=WEST,SOUTH,EAST,NORTH crs error                      of a map that says where it lies, by longitudes and latitudes (crs=lonlat) or
+//                                                            a CRS (crs=EPSG:N): the least box of the world around that one
+//   box=all error                                            the whole height map
+//   a box and spacing=METRES                                  of a .tif: samples so far apart, from the box's first corner; without it those
+//                                                            of the height map that lie in the box
 //   texture=SIZE                                             of a box in a .glb, instead of colours of vertices: a picture of the terrain's
 //                                                            colours with so many pixels along the longer side; sharp shores and rivers
+//   a box, layer=heights|colours, zoom, at=LON,LAT           of a .pmtiles: the finest level, by default as fine as the map's samples, and
+//                                                            where the world's origin lies, by default where the map says
 //   at=LON,LAT[,HEIGHT]                                      of a box in tiles: where on WGS84 its middle lies, degrees and metres
 //   compression=draco|none, normals=0|1, colours=0|1         for all; default none, 1 and 1
 //   origin=cell|centre|world                                 where the file's coordinates begin: the corner of the 4,096 m cell of the
@@ -17,6 +24,7 @@
 //   up=y|z                                                   of a PLY or OBJ file: y (default), as in glTF, or z, with y north
 // Any other parameter is an error, so that a misspelt one is not silently ignored.
 
+#include <array>
 #include <cstdint>
 #include <optional>
 #include <string>
@@ -28,6 +36,8 @@
 #include "common/outcome/outcome.h"
 #include "common/terrain/raster.h"
 #include "server/box/box_mesh.h"
+#include "server/map/mercator.h"
+#include "server/map/sheet.h"
 #include "server/tileset/tile.h"
 #include "server/tileset/tileset.h"
 
@@ -36,13 +46,15 @@ namespace ridgecast::snapshot {
 struct Limits {
   std::uint32_t triangles = 2'000'000;
   double seconds = 60;
-  double share = 0.1;        // of all cores, while cameras work
-  double boxSide = 32'768;   // metres, the longest
-  int partBits = 12;         // larger boxes of a height map are meshed in parts, lattice squares of at most 2^12 samples a side
-  double leastError = 0.02;  // metres, of a box
+  double share = 0.1;                // of all cores, while cameras work
+  double boxSide = 32'768;           // metres, the longest
+  std::uint32_t samples = 1u << 24;  // of a grid
+  int partBits = 12;                 // larger boxes of a height map are meshed in parts, lattice squares of at most 2^12 samples a side
+  double leastError = 0.02;          // metres, of a box
   double mostError = 1'000;
   std::uint32_t leastTexture = 16, mostTexture = 4'096;  // pixels
   double leastThreshold = 0.05, mostThreshold = 1'000;   // pixels
+  double leastSpacing = 0.01, mostSpacing = 1'000;       // metres
 };
 
 struct OfCamera {
@@ -56,14 +68,24 @@ struct OfPose {
 };
 using OfBox = box::Box;
 using OfTile = tileset::Wanted;
+struct OfGrid {
+  map::Sheet sheet;                                  // the middles of its pixels
+  std::optional<std::array<std::int64_t, 2>> first;  // sample of the height map, along x and z, whose own these are; none: others
+};
+struct OfMapTiles {
+  lattice::Area part;
+  std::optional<map::Place> at;  // of the world's origin; none: where the map says
+  std::optional<int> finest;     // none: as the map's samples
+  bool colours = false;          // or heights
+};
 
 class Parameters;
 
 enum class Origin { kCell, kCentre, kWorld };
-enum class Format { kGlb, kPly, kObj, kTiles };
+enum class Format { kGlb, kPly, kObj, kTiff, kTiles, kArchive };
 
 struct Question {
-  std::variant<OfCamera, OfPose, OfBox, OfTile> of;
+  std::variant<OfCamera, OfPose, OfBox, OfTile, OfGrid, OfMapTiles> of;
   Format format = Format::kGlb;  // by the name of the file, not by a parameter
   earth::Where where;            // of kTiles
   Origin origin = Origin::kCell;
@@ -76,7 +98,7 @@ struct Question {
 // `query` is the part of a URL after the ?, still percent-encoded; `map`: the terrain's, if it is a height map.
 Outcome<Question> parse(std::string_view query, const Limits& limits, const terrain::Raster* map = nullptr, Format format = Format::kGlb);
 
-// By its ending: .glb, .ply or .obj. Tiles are no file.
+// By its ending: .glb, .ply, .obj, .tif or .pmtiles. Tiles are no file.
 std::optional<Format> formatOf(std::string_view file);
 
 // Takes compression, normals and colours.

@@ -23,6 +23,7 @@
 #include "server/session/camera_session.h"
 #include "server/snapshot/attributes.h"
 #include "server/snapshot/description.h"
+#include "server/snapshot/geotiff.h"
 #include "server/snapshot/polygon_file.h"
 #include "server/tileset/tile.h"
 
@@ -293,7 +294,33 @@ Outcome<std::string> write(const gltf::Document& document, const Question& quest
   return gltf::writeGlb(document, question.compression, stop, [&](std::size_t count, const auto& body) { pool.forEach(count, 8, body); });
 }
 
-constexpr std::array<const char*, 3> kEndings{".glb", ".ply", ".obj"};  // by Format
+constexpr std::array<const char*, 4> kEndings{".glb", ".ply", ".obj", ".tif"};  // by Format
+
+Json describe(const map::Sheet& grid) {
+  const auto metres = [](double steps) { return steps * lattice::kMetresPerStep; };
+  return {{"of", "grid"},
+          {"box",
+           {{"x0", metres(grid.x)},
+            {"z0", metres(grid.z)},
+            {"x1", metres(grid.x + (grid.columns - 1) * grid.pitchX)},
+            {"z1", metres(grid.z + (grid.rows - 1) * grid.pitchZ)}}},
+          {"columns", grid.columns},
+          {"rows", grid.rows},
+          {"pitch", {{"x", metres(grid.pitchX)}, {"z", metres(grid.pitchZ)}}}};
+}
+
+Result<Snapshot> ofGrid(const session::Session& session, const session::Ground& ground, const OfGrid& grid, scheduling::Pool& pool,
+                        const Watch& watch, Progress* progress) {
+  Json extras = describe(grid.sheet);
+  describeWorld(session, ground, {std::llround(grid.sheet.x), std::llround(grid.sheet.z)}, extras);
+  Snapshot out;
+  out.name = "ridgecast-" + std::string(ground.terrain->name()) + "-grid.tif";
+  if (progress) progress->stage = Progress::Stage::kSampling;
+  auto file = writeGeoTiff(*ground.terrain, grid, session.resources().limits.sendsTerrain, extras.dump(), pool, watch, progress);
+  if (!file) return file.error();
+  out.file = std::move(*file);
+  return out;
+}
 
 }  // namespace
 
@@ -305,6 +332,8 @@ std::string Progress::text() const {
       if (parts > 1)
         return "meshing part " + std::to_string(std::min(part + 1, parts.load())) + " of " + std::to_string(parts) + ", " + count;
       return done == 0 ? "meshing, " + count : "checking, " + std::to_string(std::min(99ul, 100ul * done / std::max(1u, all))) + " %";
+    case Stage::kSampling:
+      return "heights, part " + std::to_string(std::min(part + 1, parts.load())) + " of " + std::to_string(parts);
     case Stage::kColouring:
       return "normals and colours, " + count;
     case Stage::kPainting:
@@ -312,7 +341,7 @@ std::string Progress::text() const {
     case Stage::kWriting:
       break;
   }
-  return "writing, " + count;
+  return all > 0 ? "writing, " + count : "writing";
 }
 
 Snapshots::Snapshots(const Limits& limits, unsigned threads, const scheduling::Executor* cameras)
@@ -328,6 +357,7 @@ Result<Snapshot> Snapshots::take(const session::Session& session, session::Groun
     if (progress) progress->stage = stage;
   };
   const auto pool = executor_.makePool(executor_.threads());
+  if (const auto* grid = std::get_if<OfGrid>(&question.of)) return ofGrid(session, ground, *grid, *pool, watch, progress);
   Result<Made> made = Problem{};
   if (const auto* camera = std::get_if<OfCamera>(&question.of))
     made = ofCamera(session, *camera, watch);

@@ -3,7 +3,7 @@
 // while cameras work. Each calling thread makes one snapshot at a time.
 //
 // asset.extras, which are also the metadata:
-//   of            "camera", "pose", "box" or "tile"
+//   of            "camera", "pose", "box", "tile" or, of a GeoTIFF, "grid": with columns, rows and pitch {x, z} (metres)
 //   session, terrain, seed, parameters {name: value}, contentHash (16 hexadecimal digits)
 //   pose          x, z, y (metres, absolute), altitude, yaw, pitch, fov (degrees, as in path files), width, height; of camera and pose
 //   camera        id, iteration, meshHash (as acknowledged by its client); of a live camera
@@ -13,7 +13,7 @@
 //                 ramps (server/tileset/tile.h) ramp (metres)
 //   origin        x, z (metres): what to add to a coordinate of the file
 //   georeference  crs (as the map's file names it; absent if unknown), easting, northing (metres): of the file's origin, so that a vertex
-//                 has easting + x, northing - z; only of a height map that says where it lies
+//                 has easting + x, northing - z; longitude, latitude (degrees); only of a height map that says where it lies
 //   leaves, triangles, vertices (of all leaves, shared ones each time), latticeStep; cellX, cellZ with origin=cell
 // A tile has two nodes, "surface" and "skirt" (server/tileset/tile.h).
 
@@ -41,7 +41,7 @@ struct Snapshot {
 };
 
 struct Progress : box::Progress {
-  enum class Stage { kMeshing, kColouring, kPainting, kWriting };
+  enum class Stage { kMeshing, kSampling, kColouring, kPainting, kWriting };
   std::atomic<Stage> stage{Stage::kMeshing};
   std::atomic<std::uint32_t> part{0}, parts{1};  // of a large map: those that are meshed, and all
   std::string text() const;                      // a few words for people

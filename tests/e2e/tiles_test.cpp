@@ -17,6 +17,7 @@
 #include <string>
 #include <vector>
 
+#include "server/access/crypto.h"
 #include "tests/e2e/gltf_validator.h"
 #include "tests/support/geo_tiff.h"
 #include "tests/support/glb_file.h"
@@ -278,6 +279,54 @@ TEST(Tiles, FillAFolderWithoutAServer) {
     if (entry.path().extension() == ".glb") files.push_back(entry.path());
   EXPECT_GT(files.size(), 10u);
   validateGltf(files);
+}
+
+// What the format's own library reads of it is what a server answers.
+TEST(Tiles, ForWebMapsFillOneFile) {
+  if (!std::getenv("TESTS_NODE_TOOLS") || !programExists("node")) GTEST_SKIP() << "no node, or no TESTS_NODE_TOOLS with pmtiles";
+  ScratchFolder folder;
+  const std::string map = folder / "map.tif", file = folder / "map.pmtiles";
+  writeHills(map, 150, 100);
+  const auto judge = [&](const std::string& terrain, std::vector<std::string> more, const std::string& layer, const std::string& query,
+                         int finest) {
+    std::vector<std::string> command{RIDGECAST_CLIENT, "snapshot", "--terrain", terrain, "--tiles", file};
+    command.insert(command.end(), more.begin(), more.end());
+    Finished done = runProgram(command);
+    ASSERT_EQ(done.code, 0) << done.output;
+    done = runProgram({"node", RIDGECAST_TOOLS "/read-pmtiles.mjs", file});
+    ASSERT_EQ(done.code, 0) << done.output;
+    const Json read = Json::parse(done.output);
+    EXPECT_EQ(read["header"]["maxZoom"], finest);
+    EXPECT_TRUE(read["header"]["clustered"]);
+    EXPECT_EQ(read["metadata"]["ridgecast"]["seed"], 1);
+    ServerProcess server(RIDGECAST_SERVER, {"--terrain", terrain});
+    const std::string ending = layer == "heights" ? ".png" : ".jpg";
+    std::size_t there = 0;
+    for (const auto& [tile, hash] : read["tiles"].items()) {
+      const Response r = ask(server, "/v1/sessions/default/" + layer + "/" + tile + ending + "?beyond=empty" + query);
+      EXPECT_THAT(r.head, StartsWith(hash.is_null() ? "HTTP/1.1 204" : "HTTP/1.1 200")) << tile;
+      if (hash.is_null()) continue;
+      EXPECT_EQ(hash, access::hex(access::sha256(r.body))) << tile;
+      ++there;
+    }
+    EXPECT_EQ(there, read["header"]["numAddressedTiles"].get<std::size_t>());
+    EXPECT_GE(there, static_cast<std::size_t>(finest));
+  };
+  judge(map, {"--box", "all"}, "heights", "", 14);
+  judge(map, {"--box", "all", "--zoom", "16", "--layer", "colours"}, "colours", "", 16);
+  judge("alpine", {"--box", "-400,-300,500,200", "--at", "11.39,47.27", "--zoom", "16"}, "heights", "&at=11.39,47.27", 16);
+  for (const auto& [wrong, sentence] : std::vector<std::pair<std::vector<std::string>, std::string>>{
+           {{"alpine", "--box", "0,0,9,9", "--zoom", "3"}, "does not say where on Earth it lies"},
+           {{"alpine", "--box", "0,0,9,9", "--at", "1,2"}, "whole number from 0 to 24"},
+           {{map, "--box", "all", "--zoom", "24"}, "more than 250000 tiles, the limit; zoom=23 fits"},
+           {{map, "--box", "all", "--at", "1,2,3"}, "it must be LON,LAT"}}) {
+    std::vector<std::string> command{RIDGECAST_CLIENT, "snapshot", "--tiles", folder / "none.pmtiles", "--terrain"};
+    command.insert(command.end(), wrong.begin(), wrong.end());
+    const Finished done = runProgram(command);
+    EXPECT_NE(done.code, 0);
+    EXPECT_THAT(done.output, testing::HasSubstr(sentence));
+    EXPECT_FALSE(std::filesystem::exists(folder / "none.pmtiles"));
+  }
 }
 
 // A picture of five broad stripes, each of another colour: 6 m a pixel, over the western three quarters of a map.

@@ -3,7 +3,9 @@
 #include <gtest/gtest.h>
 #include <tiffio.h>
 
+#include <algorithm>
 #include <cmath>
+#include <fstream>
 #include <functional>
 #include <random>
 
@@ -258,6 +260,55 @@ TEST_F(Drapes, TilesHaveThePicturesColours) {
             << x << ", " << z;
   EXPECT_TRUE(raster.tileColours({-1, 0}).empty());
   EXPECT_TRUE(raster.tileColours({0, 5'000'000}).empty());
+}
+
+// gdaldem color-relief's text: mixed between heights, and as they are beyond them. Also on a map that does not say where it lies.
+TEST_F(Drapes, ARampColoursByHeight) {
+  const auto ramp = file("ramp.txt");
+  const auto made = [&](const std::string& text) {
+    std::ofstream(ramp) << text;
+    RasterOptions o;
+    o.drape = ramp;
+    return loadRaster(map_, o, 1, {});
+  };
+  Tiff map = mapOf(10);
+  map.epsg = 0;
+  write(map_, map);
+  const auto terrain = made("# metres, red, green, blue\n400 200,100,50\r\n\n350:0:0:255 # low\n460\t10 20 30 128\n");
+  ASSERT_TRUE(terrain) << terrain.error().message;
+  const terrain::RasterShape& shape = (*terrain)->raster()->shape();
+  EXPECT_TRUE(shape.draped);
+  const auto own = loadRaster(map_, {}, 1, {});
+  for (int x = 0; x < 30; ++x)
+    for (int z = 0; z < 20; ++z) {
+      const double height = 300 + 5 * x + 3 * z;
+      std::array<double, 4> wanted{0, 0, 255, 255};
+      const std::array<double, 4> middle{200, 100, 50, 255}, high{10, 20, 30, 128};
+      const double t = std::clamp((height - 350) / 50, 0.0, 1.0), u = std::clamp((height - 400) / 60, 0.0, 1.0);
+      for (std::size_t c = 0; c < 4; ++c)
+        wanted[c] = height < 400 ? wanted[c] + t * (middle[c] - wanted[c]) : middle[c] + u * (high[c] - middle[c]);
+      const Step sx = shape.x.of(x), sz = shape.z.of(z);
+      const Colour plain = colourAt(**own, sx, sz), found = colourAt(**terrain, sx, sz);
+      for (std::size_t c = 0; c < 3; ++c) {
+        const double alpha = wanted[3] / 255;
+        EXPECT_NEAR(found[c], alpha * linear(wanted[c]) + (1 - alpha) * plain[c], 0.012) << height << ", channel " << c;
+      }
+    }
+  const auto step = made("0 255 0 0\n401 255 0 0\n401 0 0 255\n");
+  expectNear(colourAt(**step, shape.x.of(20), shape.z.of(0)), {1, 0, 0}, 1e-3, "below the step");
+  expectNear(colourAt(**step, shape.x.of(21), shape.z.of(0)), {0, 0, 1}, 1e-3, "above it");
+  for (const auto& [text, sentence] :
+       std::vector<std::pair<std::string, std::string>>{{"", "there is no line HEIGHT RED GREEN BLUE"},
+                                                        {"0 1 2 3\n5 red", "line 2: 'red' is no number; a line of a colour ramp is"},
+                                                        {"0 1 2", "there are 3 numbers"},
+                                                        {"0 1 2 256", "a colour is not within 0 to 255"},
+                                                        {"nan 1 2 3", "is no number"},
+                                                        {"50% 1 2 3", "'50%' is no number"},
+                                                        {std::string(2 << 20, ' '), "longer than 1 MiB"}}) {
+    const auto refused = made(text);
+    ASSERT_FALSE(refused);
+    EXPECT_THAT(refused.error().message, HasSubstr(sentence));
+  }
 }
 
 TEST_F(Drapes, WrongOnesAreRefused) {

@@ -1,0 +1,61 @@
+#include "common/user_terrain/gdal.h"
+
+#include <algorithm>
+#include <chrono>
+
+#include "common/text/text.h"
+#include "common/user_terrain/child.h"
+
+namespace ridgecast::user_terrain {
+namespace {
+
+constexpr int kMostMegabytes = 256;  // of GDAL's cache
+
+// Drivers that ask a server for what a small file names.
+constexpr const char* kSkipped =
+    "WCS,WMS,WMTS,HTTP,DAAS,EEDA,EEDAI,NGW,OGCAPI,PLMOSAIC,PLSCENES,STACIT,STACTA,PostGISRaster,Rasterlite,MBTiles,KEA,Zarr,PDF";
+
+}  // namespace
+
+Outcome<Gdal> Gdal::find(const std::string& what) {
+  Gdal out;
+  for (const char* program : {"gdalinfo", "gdal_translate", "gdalsrsinfo", "gdalbuildvrt"}) {
+    auto found = findProgram(program);
+    if (!found) return Error{what + ": install the package gdal-bin"};
+    out.folder_ = found->parent_path();
+  }
+  auto scratch = Scratch::create();
+  if (!scratch) return scratch.error();
+  out.scratch_.emplace(std::move(*scratch));
+  return out;
+}
+
+Outcome<std::string> Gdal::run(const char* program, std::vector<std::string> arguments, std::uint64_t mostBytes,
+                               std::stop_token stop) const {
+  const std::filesystem::path log = file("log");
+  for (const auto& [key, value] : {std::pair<std::string, std::string>{"CPL_LOG", log.string()},
+                                   {"GDAL_SKIP", kSkipped},
+                                   {"GDAL_CACHEMAX", std::to_string(kMostMegabytes)},
+                                   {"GDAL_MAX_DATASET_POOL_SIZE", "64"},
+                                   {"CPL_VSIL_CURL_ALLOWED_FILENAME", "none"},
+                                   {"GDAL_HTTP_PROXY", "127.0.0.1:9"},
+                                   {"GDAL_HTTP_TIMEOUT", "1"},
+                                   {"GDAL_DISABLE_READDIR_ON_OPEN", "FALSE"}})
+    arguments.insert(arguments.end(), {"--config", key, value});
+  ChildLimits limits;
+  limits.time = std::chrono::seconds(600);
+  limits.fileSize = mostBytes + (std::uint64_t{16} << 20);
+  const auto ended = runChild(folder_ / program, arguments, limits, std::move(stop));
+  if (!ended) return ended.error();
+  const auto complained = text::readFile(log, 4096);
+  std::error_code ignored;
+  std::filesystem::remove(log, ignored);
+  if (ended->status == 0) return {boost::system::in_place_value, ended->output};
+  if (ended->timedOut) return Error{std::string(program) + " took longer than 10 minutes"};
+  std::string first = complained && !complained->empty() ? *complained : ended->output;
+  if (const std::size_t at = first.find("ERROR "); at != std::string::npos) first = first.substr(first.find(": ", at) + 2);
+  first = first.substr(0, std::min<std::size_t>(first.find('\n'), 300));
+  return Error{first.empty() ? std::string(program) + " ended with status " + std::to_string(ended->status) : first};
+}
+
+}  // namespace ridgecast::user_terrain

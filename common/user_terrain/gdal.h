@@ -1,0 +1,35 @@
+#pragma once
+// GDAL's programs, from Debian's package gdal-bin. They run with limits and may open no address on a network. One thread.
+
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <stop_token>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "common/outcome/outcome.h"
+#include "common/user_terrain/scratch.h"
+
+namespace ridgecast::user_terrain {
+
+class Gdal {
+ public:
+  // `what` needs them: the beginning of a sentence. Error: there are none, or no folder for temporary files.
+  static Outcome<Gdal> find(const std::string& what);
+
+  // Of a folder that lives as long as this, or as what was taken.
+  std::filesystem::path file(const char* name) const { return scratch_->path() / name; }
+  std::optional<Scratch> takeScratch() { return std::exchange(scratch_, std::nullopt); }
+
+  // What the program prints. `mostBytes`: of a file that it writes. Error: the first thing that it complained of, or it was stopped.
+  Outcome<std::string> run(const char* program, std::vector<std::string> arguments, std::uint64_t mostBytes = 1 << 20,
+                           std::stop_token stop = {}) const;
+
+ private:
+  std::filesystem::path folder_;
+  std::optional<Scratch> scratch_;
+};
+
+}  // namespace ridgecast::user_terrain
