@@ -9,8 +9,8 @@
 //   {"op": "road", "line": [[x, z], ...], "width": 6, "grade": 0.1, "slope": 0.5}   or [[x, z, height], ...]
 //   {"op": "stamp", "x": 0, "z": 0, "spacing": 0.5, "columns": 3, "samples": [0, 0.5, 0, ...]}
 //   {"op": "undo", "edit": 17}
-// A place may be "at": [x, z] instead of "x" and "z". With "crs", which fromJson() takes where its caller can place it, every place is one of
-// that CRS: "at": [longitude, latitude], "polygon" and "line" likewise. Lengths stay metres of the world.
+// A place may be "at": [x, z] instead of "x" and "z". With "crs", which fromJson() takes where its caller can place it, every place is one
+// of that CRS: "at": [longitude, latitude], "polygon" and "line" likewise. Lengths stay metres of the world.
 // All but undo may have a "material": "earth", "rock", "gravel", "sand", "grass", "asphalt", "concrete" or "snow". Left out: core 0,
 // slope 1 (of a road 0.667), passes 4, grade 0.1, spacing 0.5.
 

@@ -1,6 +1,6 @@
 #pragma once
-// An aerial picture that lies on a height map (--drape): a GeoTIFF in the map's CRS, with pixels and a place of its own. Or colours by height
-// (ramp.h).
+// An aerial picture that lies on a height map (--drape): a GeoTIFF in the map's CRS, with pixels and a place of its own. Or colours by
+// height (ramp.h).
 //
 // A colour is the mean of the picture over the footprint: bilinear between the pixels' middles, in linear light, and trilinear in a pyramid
 // of half the size each where the footprint is wider than a pixel. Where the picture ends or is transparent it fades into the map's own
@@ -22,9 +22,9 @@ namespace ridgecast::user_terrain {
 
 class Drape {
  public:
-  // Reads a picture (openPicture, or openRamp of the samples) for a map of this header and shape. A pixel takes four bytes, and the pyramid a third more; more than
-  // `inMemory` bytes go into a file. Error: the file's; another CRS than the map's, or none; it lies beside the map; it takes more than
-  // `most` bytes.
+  // Reads a picture (openPicture, or openRamp of the samples) for a map of this header and shape. A pixel takes four bytes, and the
+  // pyramid a third more; more than `inMemory` bytes go into a file. Error: the file's; another CRS than the map's, or none; it lies
+  // beside the map; it takes more than `most` bytes.
   static Outcome<Drape> read(const std::filesystem::path& file, const Samples& samples, const RasterHeader& map,
                              const terrain::RasterShape& shape, std::uint64_t inMemory, std::uint64_t most);
 

@@ -6,8 +6,8 @@
 //   1500 90 140 60
 //   3000 255 255 255
 //
-// By spaces, tabs, commas or colons. Between two heights the colours are mixed, beyond the last ones they stay; two lines of one height make
-// a step. Colours are those of the file's heights; edits do not change them.
+// By spaces, tabs, commas or colons. Between two heights the colours are mixed, beyond the last ones they stay; two lines of one height
+// make a step. Colours are those of the file's heights; edits do not change them.
 
 #include <filesystem>
 #include <memory>

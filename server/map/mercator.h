@@ -44,8 +44,8 @@ Sheet sheetOf(const TileAddress& tile, const Place& origin, const terrain::Raste
 // The same where the map itself says that it lies; empty: it does not, or its CRS does not reach the tile.
 std::optional<Sheet> sheetOf(const TileAddress& tile, const terrain::Raster& map);
 
-// The rectangle of longitudes and latitudes around a part of the world, laid at `origin` or where its map says that it lies, in degrees; all
-// longitudes where it lies across the 180th meridian. Empty: as above.
+// The rectangle of longitudes and latitudes around a part of the world, laid at `origin` or where its map says that it lies, in degrees;
+// all longitudes where it lies across the 180th meridian. Empty: as above.
 struct Bounds {
   double west = -180, south = -85.051129, east = 180, north = 85.051129;
 };

@@ -1,7 +1,7 @@
 #pragma once
-// Web map tiles of a part of the world as one file for any file server, a PMTiles archive (server/map/pmtiles.h): levels 0 to the finest, of
-// which the tiles that meet the part's longitudes and latitudes and do not lie beside the height map. Those that are there are the server's
-// own (README, Map tiles), byte for byte.
+// Web map tiles of a part of the world as one file for any file server, a PMTiles archive (server/map/pmtiles.h): of levels 0 to the finest
+// the tiles that meet the part's longitudes and latitudes and do not lie beside the height map. They are the server's own (README, Map
+// tiles), byte for byte.
 //
 // Bounds: kMostTiles; one tile a thread is in memory, and 24 bytes for each that is made.
 
@@ -16,8 +16,8 @@
 
 namespace ridgecast::snapshot {
 
-// Makes the tiles on so many threads; blocks until all are in the file. Returns their number. Problems: nobody says where the part lies, too
-// many tiles, a file that cannot be written.
+// Makes the tiles on so many threads; blocks until all are in the file. Returns their number. Problems: nobody says where the part lies,
+// too many tiles, a file that cannot be written.
 Result<std::uint64_t> makeArchive(const session::Session& session, const OfMapTiles& of, unsigned threads,
                                   const std::filesystem::path& file, std::stop_token stop, TilesProgress* progress = nullptr);
 

@@ -102,7 +102,8 @@ Result<std::string> writeGeoTiff(const terrain::Terrain& terrain, const OfGrid& 
                                   "OVERVIEW_RESAMPLING=AVERAGE", source.string(), made.string()},
                                  most, watch.stop);
   if (watch.over()) return watch.problem();
-  if (!written) return Problem{Problem::Kind::kFailed, "GDAL could not write the file: " + written.error().message + "."};
+  if (!written)
+    return Problem{Problem::Kind::kFailed, "GDAL could not write the file: " + text::withoutFolders(written.error().message) + "."};
   auto bytes = text::readFile(made, most);
   if (!bytes) return noRoom();
   return {boost::system::in_place_value, std::move(*bytes)};

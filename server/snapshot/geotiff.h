@@ -1,7 +1,7 @@
 #pragma once
-// Heights of a terrain as a Cloud Optimized GeoTIFF, which every GIS reads: 32-bit floats in metres, with overviews, in the CRS of the height
-// map where it has one. A height is the ground's at the nearest step; where the samples are the map's own, theirs, with what edits add. Without
-// a CRS eastings are x and northings -z. GDAL's programs write it (Debian: gdal-bin).
+// Heights of a terrain as a Cloud Optimized GeoTIFF, which every GIS reads: 32-bit floats in metres, with overviews, in the CRS of the
+// height map where it has one; else eastings are x and northings -z. A height is the ground's at the nearest step; where the samples are
+// the map's own, theirs, with what edits add. GDAL's programs write it (Debian: gdal-bin).
 
 #include <string>
 

@@ -132,8 +132,8 @@ OfGrid gridOf(Parameters& p, const Limits& limits, const terrain::Raster* map) {
   if (p.has("spacing") || !map) {
     const double spacing = p.number("spacing", limits.leastSpacing, limits.mostSpacing, " m") * lattice::kStepsPerMetre;
     out.sheet = {.x = corner[0], .z = corner[1], .pitchX = spacing, .pitchZ = spacing};
-    columns = std::floor((corner[2] - corner[0]) / spacing + 1e-6) + 1;
-    rows = std::floor((corner[3] - corner[1]) / spacing + 1e-6) + 1;
+    columns = std::floor((corner[2] - corner[0] + 1) / spacing) + 1;  // a step more: the end of a map may lie between two
+    rows = std::floor((corner[3] - corner[1] + 1) / spacing) + 1;
   } else {
     const terrain::RasterAxis &x = map->shape().x, &z = map->shape().z;
     const auto [west, east] = samplesWithin(x, corner[0], corner[2]);

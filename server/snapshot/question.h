@@ -10,10 +10,8 @@
 //   box=WEST,SOUTH,EAST,NORTH crs error                      of a map that says where it lies, by longitudes and latitudes (crs=lonlat) or
 //                                                            a CRS (crs=EPSG:N): the least box of the world around that one
 //   box=all error                                            the whole height map
-//   a box and spacing=METRES                                  of a .tif: samples so far apart, from the box's first corner; without it those
-//                                                            of the height map that lie in the box
-//   texture=SIZE                                             of a box in a .glb, instead of colours of vertices: a picture of the terrain's
-//                                                            colours with so many pixels along the longer side; sharp shores and rivers
+//   a box and spacing=METRES                                 of a .tif: samples so far apart, from the box's first corner; without it
+//                                                            those of the height map that lie in the box
 //   a box, layer=heights|colours, zoom, at=LON,LAT           of a .pmtiles: the finest level, by default as fine as the map's samples, and
 //                                                            where the world's origin lies, by default where the map says
 //   at=LON,LAT[,HEIGHT]                                      of a box in tiles: where on WGS84 its middle lies, degrees and metres

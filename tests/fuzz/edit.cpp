@@ -1,8 +1,10 @@
 // An edit, packed or as JSON: refused in a sentence, or an operation that comes back as it was and that the ground takes, and gives up
 // again.
+#include <array>
 #include <cstdint>
 #include <cstdlib>
 #include <memory>
+#include <string>
 #include <string_view>
 
 #include "common/edits/history.h"
@@ -30,7 +32,11 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   const std::string_view text{reinterpret_cast<const char*>(data), size};
   const auto packed = edits::unpack(text);
   if (packed && edits::pack(*packed) != text) std::abort();
-  const auto operation = packed ? packed : edits::fromJson(text);
+  const auto toWorld = [](const std::string& crs, double first, double second) -> Outcome<std::array<double, 2>> {
+    if (crs != "lonlat") return Error{"crs is lonlat."};
+    return std::array{first * 100'000, second * -100'000};
+  };
+  const auto operation = packed ? packed : edits::fromJson(text, toWorld);
   if (!operation) {
     if (operation.error().message.empty()) std::abort();
     return 0;

@@ -62,10 +62,10 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   if (answer.later) answer.later->work({});
   if (!answer.later && answer.status >= 400) require(!answer.body.empty());
   if (const auto url = connection::parseUrl(lines[1]); !url) require(!url.error().message.empty());
-  if (const auto question = snapshot::parse(request.query(), {}))
-    require(!snapshot::canonical(*question).empty());
-  else
-    require(!question.error().message.empty());
+  for (const auto format : {snapshot::Format::kGlb, snapshot::Format::kTiff, snapshot::Format::kTiles, snapshot::Format::kArchive}) {
+    const auto question = snapshot::parse(request.query(), {}, nullptr, format);
+    require(question ? !snapshot::canonical(*question).empty() : !question.error().message.empty());
+  }
   access::clientAddress({}, lines[6], {access::Network::parse("::/0").value()});
   return 0;
 }

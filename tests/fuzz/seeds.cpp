@@ -187,7 +187,8 @@ void rasterSeeds() {
         R"({"op":"level","x":0,"z":0,"radius":20,"height":110,"slope":0.5})", R"({"op":"level","polygon":[[0,0],[9,0],[4,8]],"height":99})",
         R"({"op":"smooth","x":0,"z":0,"radius":8,"passes":4})", R"({"op":"road","line":[[0,0],[30,8]],"width":3,"grade":0.1})",
         R"({"op":"road","line":[[0,0,100],[30,8,104]],"width":3})", R"({"op":"stamp","x":0,"z":0,"columns":2,"samples":[0,0.5,1,-1]})",
-        R"({"op":"undo","edit":1})"}) {
+        R"({"op":"smooth","at":[3,4],"radius":8})", R"({"op":"crater","crs":"lonlat","at":[6.5,49.25],"radius":12,"depth":4})",
+        R"({"op":"level","crs":"lonlat","polygon":[[6,49],[6.001,49],[6,49.001]],"height":99})", R"({"op":"undo","edit":1})"}) {
     write("edit", edit);
     write("edit", edits::pack(edits::fromJson(edit).value()));
   }
@@ -239,7 +240,10 @@ void textSeeds() {
   for (const char* target :
        {"/v1/heights?at=1,2&at=3,4", "/v1/normals?at=1e3,-2&spacing=2", "/v1/rays?ray=0,900,0,0,-1,0&reach=500", "/v1/sessions", "/metrics",
         "/v1/stream?session=a&terrain=canyon&seed=3", "/v1/sessions/default/snapshot.glb?x=0&z=0&altitude=120&yaw=30&threshold=2",
-        "/v1/sessions/default/snapshot.json?x0=0&z0=0&x1=8&z1=8&error=5&compression=draco", "ws://127.0.0.1:7070?session=race&seed=2"})
+        "/v1/sessions/default/snapshot.json?x0=0&z0=0&x1=8&z1=8&error=5&compression=draco",
+        "/v1/sessions/default/snapshot.tif?box=0,0,8,8&spacing=0.5",
+        "/v1/sessions/default/snapshot.glb?box=6,49,7,50&crs=EPSG:2169&error=5", "/v1/rays?crs=lonlat&ray=6,49,900,0,1,-1",
+        "/a?box=all&zoom=9&layer=colours&at=11.5,47", "ws://127.0.0.1:7070?session=race&seed=2"})
     write("request", "GET\n" + std::string(target) +
                          "\nlocalhost:7070\nhttp://localhost:7070\nBearer abc\nridgecast.v1, bearer.abc\n192.0.2.1, 2001:db8::1");
   for (const auto& [target, type, body] :
