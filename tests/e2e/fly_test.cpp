@@ -222,11 +222,14 @@ TEST_F(Fly, InLockStepALostServerIsTheEnd) {
 }
 
 TEST_F(Fly, APictureOfAPose) {
-  const auto take = [](const std::string& drawn, std::vector<std::string> more = {}) {
+  const auto take = [](const std::string& drawn, std::vector<std::string> more = {}, bool ownServer = false) {
     const std::string out = *folder_ / (drawn + ".png");
-    std::vector<std::string> command{
-        RIDGECAST_CLIENT, "picture", server_->url(), "--out",   out,      "--x", "2000",        "--z", "1500", "--altitude", "60",
-        "--pitch",        "-5",      "--size",       "320x180", "--draw", drawn, "--threshold", "2"};
+    std::vector<std::string> command{RIDGECAST_CLIENT, "picture"};
+    const std::vector<std::string> from = ownServer ? std::vector<std::string>{"--terrain", "alpine"} : std::vector{server_->url()};
+    command.insert(command.end(), from.begin(), from.end());
+    for (const std::string word : {"--out", out.c_str(), "--x", "2000", "--z", "1500", "--altitude", "60", "--pitch", "-5", "--size",
+                                   "320x180", "--draw", drawn.c_str(), "--threshold", "2"})
+      command.push_back(word);
     command.insert(command.end(), more.begin(), more.end());
     const Finished taken = runProgram(command, {{"TMPDIR", (*folder_ / "").string()}});
     EXPECT_EQ(taken.code, 0) << taken.output;
@@ -241,6 +244,9 @@ TEST_F(Fly, APictureOfAPose) {
   EXPECT_GT(ofMesh, 0.6);
   EXPECT_GT(ofCorrected, ofMesh);
   EXPECT_LT(evaluation::similarity(*elsewhere, *march).mean, ofMesh);
+  const auto own = take("mesh", {}, true);  // of a server of its own, which ends with it
+  ASSERT_TRUE(own);
+  EXPECT_EQ(own->rgb, mesh->rgb);
   for (const auto& left : std::filesystem::directory_iterator(*folder_ / ""))
     EXPECT_EQ(left.path().filename().string().find("ridgecast-picture"), std::string::npos) << left.path();
 }
