@@ -187,11 +187,12 @@ void rasterSeeds() {
         R"({"op":"level","x":0,"z":0,"radius":20,"height":110,"slope":0.5})", R"({"op":"level","polygon":[[0,0],[9,0],[4,8]],"height":99})",
         R"({"op":"smooth","x":0,"z":0,"radius":8,"passes":4})", R"({"op":"road","line":[[0,0],[30,8]],"width":3,"grade":0.1})",
         R"({"op":"road","line":[[0,0,100],[30,8,104]],"width":3})", R"({"op":"stamp","x":0,"z":0,"columns":2,"samples":[0,0.5,1,-1]})",
-        R"({"op":"smooth","at":[3,4],"radius":8})", R"({"op":"crater","crs":"lonlat","at":[6.5,49.25],"radius":12,"depth":4})",
-        R"({"op":"level","crs":"lonlat","polygon":[[6,49],[6.001,49],[6,49.001]],"height":99})", R"({"op":"undo","edit":1})"}) {
+        R"({"op":"smooth","at":[3,4],"radius":8})", R"({"op":"undo","edit":1})"}) {
     write("edit", edit);
     write("edit", edits::pack(edits::fromJson(edit).value()));
   }
+  write("edit", R"({"op":"crater","crs":"lonlat","at":[6.5,49.25],"radius":12,"depth":4})");
+  write("edit", R"({"op":"level","crs":"lonlat","polygon":[[6,49],[6.001,49],[6,49.001]],"height":99})");
   write("raster", '\3' + raw.substr(0, 2 * 17 * 17));
   write("raster", '\23' + raw.substr(0, 12));
   write("raster", " ncols 3\nnrows 2\nxllcorner 500\nyllcorner 7000\ncellsize 10\nnodata_value -1\n1.5 2 3\n4 -1 6e0\n");
