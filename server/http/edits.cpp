@@ -16,6 +16,7 @@
 #include "common/wire/wire.h"
 #include "server/earth/earth.h"
 #include "server/http/query_body.h"
+#include "server/http/worlds.h"
 
 namespace ridgecast::http {
 
@@ -130,12 +131,12 @@ Answer list(const Request& request, const std::shared_ptr<session::Session>& ses
   });
 }
 
+// While the session lives.
 edits::ToWorld placedIn(const session::Session& session) {
-  return [terrain = session.resources().limits.sendsTerrain ? session.ground().terrain : nullptr,
-          coordinates = std::optional<earth::Coordinates>()](const std::string& crs, double first,
-                                                             double second) mutable -> Outcome<std::array<double, 2>> {
+  return [&session, coordinates = std::optional<earth::Coordinates>()](const std::string& crs, double first,
+                                                                       double second) mutable -> Outcome<std::array<double, 2>> {
     if (!coordinates) {
-      auto made = earth::Coordinates::of(terrain ? terrain->raster() : nullptr, crs);
+      auto made = coordinatesOf(session, crs);
       if (!made) return made.error();
       coordinates = std::move(*made);
     }

@@ -75,8 +75,7 @@ class Asking {
     if (crs.empty()) return {};
     return [this, crs](std::span<double> one) {
       if (!coordinates_) {
-        const auto terrain = session_->ground().terrain;
-        auto made = earth::Coordinates::of(session_->resources().limits.sendsTerrain ? terrain->raster() : nullptr, crs);
+        auto made = coordinatesOf(*session_, crs);
         if (!made) return wrong_ = made.error(), false;
         coordinates_ = std::move(*made);
       }

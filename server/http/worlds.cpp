@@ -172,6 +172,11 @@ Answer inSession(const Request& request, session::Directory& directory, const En
        .progress = [] { return "preparing the terrain"; }});
 }
 
+Outcome<earth::Coordinates> coordinatesOf(const session::Session& session, std::string_view crs) {
+  const auto terrain = session.ground().terrain;
+  return earth::Coordinates::of(session.resources().limits.sendsTerrain ? terrain->raster() : nullptr, crs);
+}
+
 Answer streamAnswer(const Request& request, session::Directory& directory) {
   const bool upgrading = upgrades(request);
   const auto enter = [upgrading](std::shared_ptr<session::Session> session) {

@@ -6,7 +6,9 @@
 #include <functional>
 #include <memory>
 #include <optional>
+#include <string_view>
 
+#include "server/earth/earth.h"
 #include "server/http/routes.h"
 
 namespace ridgecast::http {
@@ -18,6 +20,10 @@ using Enter = std::function<Answer(std::shared_ptr<session::Session>)>;
 // (Answer::later), whose answer is then that of `enter`. `directory` must outlive that work. `makes` false: judged in the same way, but no
 // session is made, and `enter` gets null in place of one.
 Answer inSession(const Request& request, session::Directory& directory, const Enter& enter, bool makes = true);
+
+// Places on a session's map as people have them; a private one does not say where it lies. PROJ takes its time: for work. Error:
+// Coordinates::of.
+Outcome<earth::Coordinates> coordinatesOf(const session::Session& session, std::string_view crs);
 
 // The answer to the upgrade request: 101 with the session, or a refusal, as inSession(). A request without an upgrade, which tells a page
 // why its WebSocket could not be opened, gets the same refusal, or 426 in place of 101, and no session is made.

@@ -54,7 +54,6 @@ std::vector<float> rowOf(const terrain::Terrain& terrain, const OfGrid& grid, st
   map::Sheet sheet = grid.sheet;
   sheet.z += row * sheet.pitchZ;
   sheet.rows = 1;
-  const auto* const edited = dynamic_cast<const edits::EditedTerrain*>(&terrain);
   if (!grid.first) return map::heights(terrain, sheet, stop);
   std::vector<float> out(sheet.columns);
   std::array<std::int32_t, terrain::kTileSide> samples{};
@@ -63,6 +62,7 @@ std::vector<float> rowOf(const terrain::Terrain& terrain, const OfGrid& grid, st
     terrain.raster()->samples((*grid.first)[0] + from, (*grid.first)[1] + row, static_cast<std::int32_t>(count), 1, samples.data());
     for (std::uint32_t k = 0; k < count; ++k) out[from + k] = static_cast<float>(lattice::metres(samples[k]));
   }
+  const auto* const edited = dynamic_cast<const edits::EditedTerrain*>(&terrain);
   if (!edited) return out;
   const auto now = map::heights(terrain, sheet, stop), before = map::heights(*edited->base(), sheet, stop);
   for (std::size_t k = 0; k < std::min(now.size(), before.size()); ++k) out[k] += now[k] - before[k];
