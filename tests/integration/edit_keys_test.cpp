@@ -19,7 +19,6 @@ namespace {
 using connection::Connection;
 using testing::HasSubstr;
 
-std::string craterAt(int x) { return R"({"op":"crater","z":0,"radius":8,"depth":2,"x":)" + std::to_string(x) + "}"; }
 // More than a client may owe: whatever is charged after it is refused.
 const std::string kDear = R"({"op":"level","polygon":[[-325,-325],[325,-325],[325,325],[-325,325]],"height":300})";
 

@@ -18,6 +18,7 @@
 #include "server/http/map_tiles.h"
 #include "server/http/queries.h"
 #include "tests/integration/loopback.h"
+#include "tests/support/crater.h"
 #include "tests/support/socket_client.h"
 #include "tests/support/waiting.h"
 
@@ -28,10 +29,10 @@ using connection::Connection;
 using Time = std::chrono::steady_clock;
 using testing_support::kTimeout;
 
-constexpr lattice::Step m(double metres) { return static_cast<lattice::Step>(metres * lattice::kStepsPerMetre); }
+using testing_support::m;
 
-inline std::string craterAt(double x, double z, double radius = 8) {
-  return edits::toJson({edits::Crater{{m(x), m(z)}, m(radius), static_cast<std::int32_t>(m(radius / 3))}, 0});
+inline std::string craterAt(double x, double z = 0, double radius = 8) {
+  return edits::toJson(testing_support::craterAt(x, z, radius, radius / 3));
 }
 
 // A member with a mesh of its own; flies, or stands.

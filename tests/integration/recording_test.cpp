@@ -16,6 +16,7 @@
 #include "server/recording/recorder.h"
 #include "server/recording/replay.h"
 #include "tests/integration/loopback.h"
+#include "tests/support/crater.h"
 #include "tests/support/flier.h"
 #include "tests/support/process.h"
 #include "tests/support/sanitized.h"
@@ -33,7 +34,7 @@ using Parts = std::vector<std::filesystem::path>;
 
 constexpr int kSteps = testing_support::kSanitized ? 8 : 30;
 
-constexpr lattice::Step m(double metres) { return static_cast<lattice::Step>(metres * lattice::kStepsPerMetre); }
+using testing_support::m;
 
 wire::Settings coarse(double threshold = 6) {
   wire::Settings settings;

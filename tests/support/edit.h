@@ -7,14 +7,14 @@
 
 #include "common/edits/operation.h"
 #include "server/session/session.h"
+#include "tests/support/crater.h"
 
 namespace ridgecast::testing_support {
 
 // A crater, metres; returns its number once everybody has its ground.
 inline std::uint64_t makeCrater(session::Session& session, double x, double z, double radius, double depth) {
-  const auto steps = [](double metres) { return static_cast<lattice::Step>(metres * lattice::kStepsPerMetre); };
   std::promise<Outcome<std::uint64_t>> made;
-  session.edits().ask({"", "ann", {edits::Crater{{steps(x), steps(z)}, steps(radius), static_cast<std::int32_t>(steps(depth))}, 0}},
+  session.edits().ask({"", "ann", craterAt(x, z, radius, depth)},
                       [&](const Outcome<std::uint64_t>& number, std::uint64_t) { made.set_value(number); });
   const auto number = made.get_future().get();
   EXPECT_TRUE(number) << number.error().message;

@@ -5,10 +5,9 @@
 #include <random>
 
 #include "common/edits/operation.h"
+#include "tests/support/crater.h"
 
 namespace ridgecast::testing_support {
-
-constexpr lattice::Step m(double metres) { return static_cast<lattice::Step>(metres * lattice::kStepsPerMetre); }
 
 // Places within 60 m of the middle; everything stays within 110 m of it.
 inline edits::Operation randomOperation(std::mt19937_64& random, lattice::Point middle) {

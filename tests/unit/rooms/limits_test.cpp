@@ -3,12 +3,13 @@
 
 #include <algorithm>
 #include <filesystem>
-#include <fstream>
 #include <map>
 #include <set>
 #include <sstream>
 #include <string>
 #include <vector>
+
+#include "tests/unit/rooms/read.h"
 
 namespace ridgecast {
 namespace {
@@ -55,13 +56,6 @@ const std::map<std::string, std::vector<std::string>> kTests{
     {"iterations of more than 10 ms", {"LongTasksLeaveAThreadToShortOnes"}},
     {"grounds: ", {"FewerAreInWorkThanThereAreThreads", "AQuestionHasOneDeadline"}},
 };
-
-std::string read(const fs::path& file) {
-  std::ifstream in(file);
-  std::stringstream text;
-  text << in.rdbuf();
-  return text.str();
-}
 
 TEST(Limits, EachRowHasATest) {
   const fs::path root(RIDGECAST_SOURCE);

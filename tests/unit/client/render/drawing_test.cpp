@@ -28,7 +28,7 @@ vec3 terrainColor(ivec2 cell, vec2 fraction, float height, vec3 normal, float fo
 }
 )";
 
-class Drawing : public testing::Test {
+class DrawingTest : public testing::Test {
  protected:
   static void SetUpTestSuite() {
     auto made = HeadlessContext::create();
@@ -100,7 +100,7 @@ std::optional<std::array<double, 2>> meets(const View& view, double height, std:
   return std::array<double, 2>{x * t, z * t};
 }
 
-TEST_F(Drawing, AFlatLeafCoversThePixelsThatGeometrySays) {
+TEST_F(DrawingTest, AFlatLeafCoversThePixelsThatGeometrySays) {
   Renderer r = renderer(kPlain);
   for (const lattice::LeafAddress address : {lattice::LeafAddress{0, 0, 0}, lattice::LeafAddress{0, 31250000000, -31250000000}}) {
     const double x0 = static_cast<double>(address.x()) / 256, z0 = static_cast<double>(address.z()) / 256;
@@ -122,7 +122,7 @@ TEST_F(Drawing, AFlatLeafCoversThePixelsThatGeometrySays) {
   }
 }
 
-TEST_F(Drawing, BothRenderingsOfAPlainAreTheSamePictureAndFollowItsSquares) {
+TEST_F(DrawingTest, BothRenderingsOfAPlainAreTheSamePictureAndFollowItsSquares) {
   Renderer r = renderer(kPlain);
   Leaves leaves;
   for (int i = -1; i <= 0; ++i)
@@ -149,7 +149,7 @@ TEST_F(Drawing, BothRenderingsOfAPlainAreTheSamePictureAndFollowItsSquares) {
   EXPECT_GT(checked, 5000);
 }
 
-TEST_F(Drawing, FarFromTheOriginIsDrawnLikeTheOrigin) {
+TEST_F(DrawingTest, FarFromTheOriginIsDrawnLikeTheOrigin) {
   Renderer r = renderer(kPlain);
   constexpr double kFar = 4096.0 * 244140625;  // 1e12 m, a whole number of cells
   for (const bool march : {false, true}) {
@@ -169,7 +169,7 @@ TEST_F(Drawing, FarFromTheOriginIsDrawnLikeTheOrigin) {
   }
 }
 
-TEST_F(Drawing, ReplacedAndDroppedLeavesLeaveThePicture) {
+TEST_F(DrawingTest, ReplacedAndDroppedLeavesLeaveThePicture) {
   Renderer r = renderer(kPlain);
   const lattice::LeafAddress left{0, -1, 0}, right{0, 0, 0};
   const View view = viewFrom(0, 160, 16, 0, -1.5, 64, 64);
@@ -192,7 +192,7 @@ TEST_F(Drawing, ReplacedAndDroppedLeavesLeaveThePicture) {
   EXPECT_TRUE(terrain(leaves, 25));
 }
 
-TEST_F(Drawing, NearerLeavesHideFartherOnesAtEveryDistance) {
+TEST_F(DrawingTest, NearerLeavesHideFartherOnesAtEveryDistance) {
   // Two sheets 2 m apart, seen from above, 100 m to 30 km away: the upper one must win everywhere.
   Renderer r = renderer(R"(
 float terrainHeight(ivec2 cell, vec2 fraction, float footprint, uint seed) { return 0.0; }
@@ -213,7 +213,7 @@ vec3 terrainColor(ivec2 cell, vec2 fraction, float height, vec3 normal, float fo
   EXPECT_EQ(alone->picture.rgb, both->picture.rgb);
 }
 
-TEST_F(Drawing, TheRayMarchIsConverged) {
+TEST_F(DrawingTest, TheRayMarchIsConverged) {
   const auto terrain = terrain::create("alpine", 1);
   ASSERT_TRUE(terrain);
   Renderer r = renderer(std::string((*terrain)->source()));
@@ -236,7 +236,7 @@ TEST_F(Drawing, TheRayMarchIsConverged) {
 }
 
 // Behind the valley stands a wall of 85 degrees whose upper edge long steps pass over: sky then shows through the mountain.
-TEST_F(Drawing, TheRayMarchDoesNotStepOverCliffs) {
+TEST_F(DrawingTest, TheRayMarchDoesNotStepOverCliffs) {
   const auto terrain = terrain::create("alpine", 1);
   ASSERT_TRUE(terrain);
   Renderer r = renderer(std::string((*terrain)->source()));
@@ -278,7 +278,7 @@ class Fence : public terrain::Terrain {
 
 // Against a march on the processor that is sixteen times finer and skips nothing: nearly every ray meets the ground at the same distance,
 // whatever the pose.
-TEST_F(Drawing, TheRayMarchMeetsWhatAMuchFinerOneMeets) {
+TEST_F(DrawingTest, TheRayMarchMeetsWhatAMuchFinerOneMeets) {
   constexpr std::uint32_t kWidth = 112, kHeight = 63;
   std::mt19937_64 random(3);
   const auto between = [&](double low, double high) { return low + (high - low) * static_cast<double>(random() >> 11) * 0x1p-53; };
@@ -348,7 +348,7 @@ scene::HeldLeaf sampledLeaf(const terrain::Terrain& terrain, lattice::LeafAddres
   return hold(leaf, 1);
 }
 
-TEST_F(Drawing, TheRayMarchDrawsTheHeightsThatTheServerTriangulates) {
+TEST_F(DrawingTest, TheRayMarchDrawsTheHeightsThatTheServerTriangulates) {
   // Looking straight down, the middle of the picture is the terrain below: fine grids from the C++ heights must give the same picture.
   const auto terrain = terrain::create("alpine", 1);
   ASSERT_TRUE(terrain);
@@ -364,7 +364,7 @@ TEST_F(Drawing, TheRayMarchDrawsTheHeightsThatTheServerTriangulates) {
 }
 
 // A mesh of cells of 16 m, from above: corrected it must show the ray march's picture, at points that the C++ heights confirm.
-TEST_F(Drawing, CorrectedSamplesLieOnTheTrueSurface) {
+TEST_F(DrawingTest, CorrectedSamplesLieOnTheTrueSurface) {
   const auto terrain = terrain::create("alpine", 1);
   ASSERT_TRUE(terrain);
   Renderer r = renderer(std::string((*terrain)->source()));
@@ -407,7 +407,7 @@ TEST_F(Drawing, CorrectedSamplesLieOnTheTrueSurface) {
 }
 
 // Ground that the mesh lacks stands out over what lies behind it, the sky or other ground: corrected, it is there.
-TEST_F(Drawing, CorrectedSilhouettesAreTheTrueOnes) {
+TEST_F(DrawingTest, CorrectedSilhouettesAreTheTrueOnes) {
   const auto terrain = terrain::create("alpine", 1);
   ASSERT_TRUE(terrain);
   Renderer r = renderer(std::string((*terrain)->source()));
@@ -443,7 +443,7 @@ TEST_F(Drawing, CorrectedSilhouettesAreTheTrueOnes) {
 }
 
 // Shaded at no width the same squares are drawn, harder; what was seen stays where it was.
-TEST_F(Drawing, ColouringAnewChangesColoursAlone) {
+TEST_F(DrawingTest, ColouringAnewChangesColoursAlone) {
   const auto terrain = terrain::create("alpine", 1);
   ASSERT_TRUE(terrain);
   Renderer r = renderer(std::string((*terrain)->source()));
@@ -463,7 +463,7 @@ TEST_F(Drawing, ColouringAnewChangesColoursAlone) {
   EXPECT_FALSE(r.shadeAgain(view, 1));
 }
 
-TEST_F(Drawing, ShaderErrorsNameTheTerrainAndItsLine) {
+TEST_F(DrawingTest, ShaderErrorsNameTheTerrainAndItsLine) {
   const auto made =
       Renderer::create({"float terrainHeight(ivec2 cell, vec2 fraction, float footprint, uint seed) {\n  return nonsense;\n}\n", 1});
   ASSERT_FALSE(made);
@@ -471,7 +471,7 @@ TEST_F(Drawing, ShaderErrorsNameTheTerrainAndItsLine) {
   EXPECT_NE(made.error().message.find("2 = terrain"), std::string::npos) << made.error().message;
 }
 
-TEST_F(Drawing, PicturesLargerThanTheDriverDrawsAreRefused) {
+TEST_F(DrawingTest, PicturesLargerThanTheDriverDrawsAreRefused) {
   Renderer r = renderer(kPlain);
   const auto drawn = r.drawMesh(Leaves{}, viewFrom(0, 0, 0, 0, 0, 30000, 30000), 4);
   ASSERT_FALSE(drawn);

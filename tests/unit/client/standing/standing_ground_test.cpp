@@ -13,6 +13,7 @@
 #include "common/edits/edited_terrain.h"
 #include "common/edits/history.h"
 #include "common/terrain/terrain.h"
+#include "tests/support/crater.h"
 #include "tests/support/random_edits.h"
 
 namespace ridgecast::standing {
@@ -22,6 +23,7 @@ using namespace std::chrono_literals;
 using lattice::Point;
 using lattice::Step;
 using testing::HasSubstr;
+using testing_support::craterAt;
 using testing_support::m;
 using Tiles = std::map<std::pair<std::int64_t, std::int64_t>, std::shared_ptr<const Tile>>;
 
@@ -103,8 +105,6 @@ class Site {
   std::vector<query::Change> changes_;
   std::uint64_t heard_ = 0, forgotten_ = 0;
 };
-
-edits::Operation craterAt(double x, double z) { return {edits::Crater{{m(x), m(z)}, m(5), static_cast<std::int32_t>(m(6))}, 0}; }
 
 void expectTrue(const Tiles& held, const Site& site) {
   const auto terrain = site.terrain();
@@ -324,7 +324,7 @@ TEST(StandingGround, TilesThatAnEditTouchesGoAndComeInTheNextChanges) {
   ASSERT_TRUE(ground->move(std::vector<Point>{{0, 0}}));
   settle(*ground, held);
   const Tiles before = held;
-  site.edit(craterAt(7, 7));
+  site.edit(craterAt(7, 7, 5, 6));
   const auto there = ground->wait(kLong);
   ASSERT_TRUE(there) << there.error().message;
   const Changes changes = ground->changes();
@@ -354,7 +354,7 @@ TEST(StandingGround, TilesStayUntilTheirSuccessorsAreThere) {
   settle(*ground, held);
   {
     const std::lock_guard lock(busy);
-    site.edit(craterAt(16, 16));
+    site.edit(craterAt(16, 16, 5, 6));
     ASSERT_TRUE(ground->move(std::vector<Point>{{0, 0}}));
     const Changes changes = ground->changes();
     EXPECT_TRUE(changes.gone.empty() && changes.came.empty());
@@ -370,7 +370,7 @@ TEST(StandingGround, WaitWaitsForTheLastEditKnown) {
   Tiles held;
   ASSERT_TRUE(ground->move(std::vector<Point>{{0, 0}}));
   settle(*ground, held);
-  site.edit(craterAt(10, 10), false);
+  site.edit(craterAt(10, 10, 5, 6), false);
   const auto early = ground->wait(0ms);
   ASSERT_FALSE(early);
   EXPECT_THAT(early.error().message, HasSubstr("edit 1 "));
@@ -387,7 +387,7 @@ TEST(StandingGround, AnEditWhileATileIsMadeIsNotMissed) {
   Site site;
   std::atomic<int> made{0};
   site.meanwhile = [&] {
-    if (const int k = ++made; k <= 3) site.edit(craterAt(4 * k, 4 * k));
+    if (const int k = ++made; k <= 3) site.edit(craterAt(4 * k, 4 * k, 5, 6));
   };
   const auto ground = make(site.source());
   Tiles held;
@@ -433,7 +433,7 @@ TEST(StandingGround, WhoMissedManyEditsMakesAllTilesAgain) {
   Tiles held;
   ASSERT_TRUE(ground->move(std::vector<Point>{{0, 0}}));
   settle(*ground, held);
-  site.edit(craterAt(10, 10));
+  site.edit(craterAt(10, 10, 5, 6));
   missed = true;
   settle(*ground, held);
   for (const auto& [key, tile] : held) EXPECT_EQ(tile->edit, 1u);
@@ -447,7 +447,7 @@ TEST(StandingGround, EditsAreMadeWhereMemoryIsFull) {
   ASSERT_TRUE(ground->move(std::vector<Point>{{16 * kMetre, 16 * kMetre}}));
   EXPECT_FALSE(ground->wait(kLong));
   take(*ground, held);
-  site.edit(craterAt(16, 16));
+  site.edit(craterAt(16, 16, 5, 6));
   const auto there = ground->wait(kLong);
   ASSERT_FALSE(there);
   EXPECT_THAT(there.error().message, HasSubstr("memory"));
@@ -464,7 +464,7 @@ TEST(StandingGround, AServerThatForgetsEditsIsAskedAgain) {
   ASSERT_TRUE(ground->move(std::vector<Point>{{0, 0}}));
   settle(*ground, held);
   site.forget(1);
-  site.edit(craterAt(10, 10));
+  site.edit(craterAt(10, 10, 5, 6));
   std::optional<Error> why;
   while (!why || why->message.find("does not know an edit") == std::string::npos) why = ground->wait(10ms).error();
   site.forget(0);

@@ -9,13 +9,14 @@
 
 #include "common/edits/edited_terrain.h"
 #include "common/edits/history.h"
+#include "tests/support/crater.h"
 
 namespace ridgecast::edits {
 namespace {
 
 using lattice::Step;
 
-constexpr Step m(double metres) { return static_cast<Step>(metres * lattice::kStepsPerMetre); }
+using testing_support::m;
 
 // Alpine with edits on it.
 struct Ground {

@@ -3,13 +3,12 @@
 #include <gtest/gtest.h>
 
 #include "common/wire/wire.h"
+#include "tests/unit/common/wire/bytes.h"
 
 namespace ridgecast::wire {
 namespace {
 
 using testing::HasSubstr;
-
-std::span<const std::uint8_t> bytesOf(const std::string& s) { return {reinterpret_cast<const std::uint8_t*>(s.data()), s.size()}; }
 
 World worldWith(const terrain::RasterShape& shape) {
   World world;

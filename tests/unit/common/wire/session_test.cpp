@@ -7,13 +7,12 @@
 
 #include "common/wire/wire.h"
 #include "ridgecast/v1/stream.pb.h"
+#include "tests/unit/common/wire/bytes.h"
 
 namespace ridgecast::wire {
 namespace {
 
 namespace pb = ridgecast::v1;
-
-std::span<const std::uint8_t> bytesOf(const std::string& s) { return {reinterpret_cast<const std::uint8_t*>(s.data()), s.size()}; }
 
 template <class Message>
 Message throughServer(const Message& message) {  // from a client

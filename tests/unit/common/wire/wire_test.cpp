@@ -7,14 +7,13 @@
 #include <random>
 
 #include "ridgecast/v1/stream.pb.h"
+#include "tests/unit/common/wire/bytes.h"
 
 namespace ridgecast::wire {
 namespace {
 
 namespace pb = ridgecast::v1;
 using Random = std::mt19937_64;
-
-std::span<const std::uint8_t> bytesOf(const std::string& s) { return {reinterpret_cast<const std::uint8_t*>(s.data()), s.size()}; }
 
 Hello anyHello() {
   return {.clientName = "a simulator",

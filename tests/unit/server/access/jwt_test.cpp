@@ -18,7 +18,7 @@ Outcome<Grant> verifyJwt(std::string_view token, const std::string& secret, Time
 }
 
 const std::string kSecret = "0123456789abcdef0123456789abcdef";
-const Time kNow{std::chrono::seconds(1'800'000'000)};
+const Time kToday{std::chrono::seconds(1'800'000'000)};
 
 std::string text(const Digest& d) { return {d.begin(), d.end()}; }
 std::string signedToken(const std::string& header, const std::string& claims, const std::string& secret = kSecret) {
@@ -51,7 +51,7 @@ TEST(Jwt, JudgesTheSignatureOfTheStandardsExample) {
       "dBjftJeZ4CVP-mB92K27uhbUJU1p1r_wW1gFWFOEjXk";
   EXPECT_EQ(verifyJwt(token, key, Time(std::chrono::seconds(1'300'819'380))).error().message, "The token has expired.");
   EXPECT_EQ(verifyJwt(token, key, Time(std::chrono::seconds(1'300'819'379))).error().message, "The token names no rights.");
-  EXPECT_EQ(verifyJwt(token, kSecret, kNow).error().message, "The token's signature is wrong.");
+  EXPECT_EQ(verifyJwt(token, kSecret, kToday).error().message, "The token's signature is wrong.");
 }
 
 // RFC 7515, appendices A.2 and A.3.
@@ -96,7 +96,7 @@ TEST_F(KeyFiles, JudgeTheSignaturesOfTheStandardsExamples) {
   const Time early(std::chrono::seconds(1'300'819'379));
   for (const std::string& token : {kRsaToken, kCurveToken}) {
     EXPECT_EQ(access::verifyJwt(token, *keys, early).error().message, "The token names no rights.");
-    EXPECT_EQ(access::verifyJwt(token, *keys, kNow).error().message, "The token has expired.");
+    EXPECT_EQ(access::verifyJwt(token, *keys, kToday).error().message, "The token has expired.");
     for (std::size_t k = token.rfind('.') + 1; k + 1 < token.size(); k += 7) {
       std::string damaged = token;
       damaged[k] = damaged[k] == 'A' ? 'B' : 'A';
@@ -112,8 +112,8 @@ TEST_F(KeyFiles, JudgeTheSignaturesOfTheStandardsExamples) {
 TEST_F(KeyFiles, APublicKeyIsNoSecretAndAKeyHasOneAlgorithm) {
   const auto keys = Key::readPublic(file(R"({"keys":[)" + kRsaJwk + "]}"));
   ASSERT_TRUE(keys);
-  EXPECT_EQ(access::verifyJwt(signedToken(kHeader, kClaims, kRsaJwk), *keys, kNow).error().message, "The token's signature is wrong.");
-  EXPECT_EQ(verifyJwt(signedToken(R"({"alg":"RS256"})", kClaims), kSecret, kNow).error().message,
+  EXPECT_EQ(access::verifyJwt(signedToken(kHeader, kClaims, kRsaJwk), *keys, kToday).error().message, "The token's signature is wrong.");
+  EXPECT_EQ(verifyJwt(signedToken(R"({"alg":"RS256"})", kClaims), kSecret, kToday).error().message,
             "The token names another algorithm than its key's, HS256.");
 }
 
@@ -176,15 +176,16 @@ TEST_F(KeyFiles, SayWhatIsWrong) {
 }
 
 TEST(Jwt, GrantsWhatItSays) {
-  const auto grant = verifyJwt(signedToken(kHeader, kClaims), kSecret, kNow);
+  const auto grant = verifyJwt(signedToken(kHeader, kClaims), kSecret, kToday);
   ASSERT_TRUE(grant) << grant.error().message;
   EXPECT_EQ(grant->rights, Rights(Right::kView) | Right::kQuery);
   EXPECT_EQ(grant->session, "harbour");
   EXPECT_EQ(grant->name, "lab");
   EXPECT_TRUE(grant->reaches("harbour"));
   EXPECT_FALSE(grant->reaches("default"));
-  const auto wide = verifyJwt(
-      signedToken(kHeader, R"({"exp":1e300,"rights":"view,create,query,snapshot,clock,admin,edit","sub":"evil \n name"})"), kSecret, kNow);
+  const auto wide =
+      verifyJwt(signedToken(kHeader, R"({"exp":1e300,"rights":"view,create,query,snapshot,clock,admin,edit","sub":"evil \n name"})"),
+                kSecret, kToday);
   ASSERT_TRUE(wide) << wide.error().message;
   EXPECT_EQ(wide->rights, Rights::all());
   EXPECT_TRUE(wide->reaches("anything"));
@@ -192,42 +193,42 @@ TEST(Jwt, GrantsWhatItSays) {
 }
 
 TEST(Jwt, IssuesWhatItVerifies) {
-  Grant grant{"lab", Rights(Right::kSnapshot) | Right::kView, "a.b", kNow + std::chrono::hours(1)};
-  const std::string token = issueJwt(grant, kSecret, kNow);
-  const auto back = verifyJwt(token, kSecret, kNow);
+  Grant grant{"lab", Rights(Right::kSnapshot) | Right::kView, "a.b", kToday + std::chrono::hours(1)};
+  const std::string token = issueJwt(grant, kSecret, kToday);
+  const auto back = verifyJwt(token, kSecret, kToday);
   ASSERT_TRUE(back) << back.error().message;
   EXPECT_EQ(back->rights, grant.rights);
   EXPECT_EQ(back->session, grant.session);
   EXPECT_EQ(back->name, grant.name);
   EXPECT_EQ(back->expires, grant.expires);
-  EXPECT_TRUE(verifyJwt(token, kSecret, kNow + std::chrono::seconds(3599)));
-  EXPECT_FALSE(verifyJwt(token, kSecret, kNow + std::chrono::seconds(3600)));
+  EXPECT_TRUE(verifyJwt(token, kSecret, kToday + std::chrono::seconds(3599)));
+  EXPECT_FALSE(verifyJwt(token, kSecret, kToday + std::chrono::seconds(3600)));
 }
 
 TEST(Jwt, RefusesEveryDamage) {
   const std::string token = signedToken(kHeader, kClaims);
-  ASSERT_TRUE(verifyJwt(token, kSecret, kNow));
+  ASSERT_TRUE(verifyJwt(token, kSecret, kToday));
   for (std::size_t k = 0; k < token.size(); ++k)
     for (const char c : {'A', 'b', '_', '.', '=', '\0', '\xff'}) {
       std::string damaged = token;
       damaged[k] = c;
       if (damaged == token) continue;
-      EXPECT_FALSE(verifyJwt(damaged, kSecret, kNow)) << k;
+      EXPECT_FALSE(verifyJwt(damaged, kSecret, kToday)) << k;
     }
-  for (std::size_t k = 0; k < token.size(); ++k) EXPECT_FALSE(verifyJwt(token.substr(0, k), kSecret, kNow));
-  EXPECT_FALSE(verifyJwt(token + "A", kSecret, kNow));
-  EXPECT_FALSE(verifyJwt(token + ".", kSecret, kNow));
-  EXPECT_FALSE(verifyJwt(token, kSecret + "x", kNow));
+  for (std::size_t k = 0; k < token.size(); ++k) EXPECT_FALSE(verifyJwt(token.substr(0, k), kSecret, kToday));
+  EXPECT_FALSE(verifyJwt(token + "A", kSecret, kToday));
+  EXPECT_FALSE(verifyJwt(token + ".", kSecret, kToday));
+  EXPECT_FALSE(verifyJwt(token, kSecret + "x", kToday));
 }
 
 TEST(Jwt, RefusesOtherWaysOfSigning) {
   const std::string unsignedToken = base64url(R"({"alg":"none","typ":"JWT"})") + "." + base64url(kClaims) + ".";
-  EXPECT_FALSE(verifyJwt(unsignedToken, kSecret, kNow));
+  EXPECT_FALSE(verifyJwt(unsignedToken, kSecret, kToday));
   // Even where the signature is right.
   for (const char* header :
        {R"({"alg":"none"})", R"({"alg":"None"})", R"({"alg":"HS512"})", R"({"alg":"hs256"})", R"({"alg":"RS256"})", R"({"alg":["HS256"]})",
         R"({"typ":"JWT"})", R"([])", R"("HS256")", "", "{", R"({"alg":"HS256","crit":["exp"]})"})
-    EXPECT_FALSE(verifyJwt(signedToken(header, kClaims), kSecret, kNow)) << header;
+    EXPECT_FALSE(verifyJwt(signedToken(header, kClaims), kSecret, kToday)) << header;
 }
 
 TEST(Jwt, RefusesClaimsThatAreNone) {
@@ -240,9 +241,9 @@ TEST(Jwt, RefusesClaimsThatAreNone) {
         R"({"exp":1800000060,"rights":["view"],"nbf":1800000001})", R"({"exp":1800000060,"rights":["view"],"nbf":"x"})",
         R"({"exp":1800000060,"rights":["view"],"session":"a/b"})", R"({"exp":1800000060,"rights":["view"],"session":7})",
         R"({"exp":1800000060,"rights":["view"],"session":""})"})
-    EXPECT_FALSE(verifyJwt(signedToken(kHeader, claims), kSecret, kNow)) << claims;
-  EXPECT_FALSE(verifyJwt(signedToken(kHeader, deep), kSecret, kNow));
-  EXPECT_FALSE(verifyJwt(signedToken(kHeader, std::string(kMaxTokenBytes, 'x')), kSecret, kNow));
+    EXPECT_FALSE(verifyJwt(signedToken(kHeader, claims), kSecret, kToday)) << claims;
+  EXPECT_FALSE(verifyJwt(signedToken(kHeader, deep), kSecret, kToday));
+  EXPECT_FALSE(verifyJwt(signedToken(kHeader, std::string(kMaxTokenBytes, 'x')), kSecret, kToday));
 }
 
 }  // namespace

@@ -10,6 +10,7 @@
 #include <random>
 
 #include "server/edit_log/tiles.h"
+#include "tests/support/crater.h"
 #include "tests/support/process.h"
 #include "tests/unit/server/edit_log/session.h"
 
@@ -17,13 +18,12 @@ namespace ridgecast::edit_log {
 namespace {
 
 using testing::HasSubstr;
+using testing_support::craterAt;
 using testing_support::m;
 using testing_support::ScratchFolder;
 
 const edits::Layer kNone;
 const Change kNothing{kNone, kNone, {}};
-
-edits::Operation crater(double x) { return {edits::Crater{{m(x), 0}, m(5), m(2)}, 0}; }
 
 TEST(Tiles, ComeBackAsTheyWere) {
   std::mt19937_64 random(1);
@@ -107,15 +107,15 @@ TEST(Log, ReturnsEditsOfEveryKindInOrder) {
 TEST(Log, AKeyNamesItsEdit) {
   const ScratchFolder folder;
   auto log = Log::create(folder / "a.edits", {}).value();
-  const std::vector<Applied> edits{applied(1, "a", crater(0)), applied(2, "", crater(1)), applied(3, "", crater(2))};
+  const std::vector<Applied> edits{applied(1, "a", craterAt(0)), applied(2, "", craterAt(1)), applied(3, "", craterAt(2))};
   ASSERT_TRUE(log->append(edits, kNothing));
   EXPECT_EQ(log->numberOf("a").value(), 1u);
   EXPECT_EQ(log->numberOf("b").value(), std::nullopt);
   EXPECT_EQ(log->numberOf("").value(), std::nullopt);
   // All of a transaction or nothing.
-  const std::vector<Applied> again{applied(4, "b", crater(3)), applied(5, "a", crater(4))};
+  const std::vector<Applied> again{applied(4, "b", craterAt(3)), applied(5, "a", craterAt(4))};
   EXPECT_THAT(log->append(again, kNothing).error().message, HasSubstr("number or key already"));
-  EXPECT_THAT(log->append(std::vector{applied(5, "", crater(3))}, kNothing).error().message, HasSubstr("does not follow edit 3"));
+  EXPECT_THAT(log->append(std::vector{applied(5, "", craterAt(3))}, kNothing).error().message, HasSubstr("does not follow edit 3"));
   EXPECT_EQ(log->last(), 3u);
   EXPECT_EQ(log->numberOf("b").value(), std::nullopt);
   log.reset();
@@ -175,7 +175,7 @@ TEST(Log, IsOpenOnceWhateverElseItsProgramOpens) {
         (void)testing_support::readText(state / Lock::kFile);
         EXPECT_FALSE(elsewhere.opens(file));
       }
-      EXPECT_TRUE(first->append(std::vector{applied(1, "", crater(0))}, kNothing));
+      EXPECT_TRUE(first->append(std::vector{applied(1, "", craterAt(0))}, kNothing));
     }
     EXPECT_TRUE(elsewhere.opens(file));
     EXPECT_EQ(Log::open(file).value()->last(), 1u);
@@ -189,7 +189,7 @@ TEST(Log, IsNewOrOpenedNeverBoth) {
   EXPECT_FALSE(std::filesystem::exists(file));
   std::ofstream(file).close();  // as a making that was cut off leaves it
   EXPECT_FALSE(Log::open(file).value());
-  ASSERT_TRUE(Log::create(file, worldOf(*alpine())).value()->append(std::vector{applied(1, "", crater(0))}, kNothing));
+  ASSERT_TRUE(Log::create(file, worldOf(*alpine())).value()->append(std::vector{applied(1, "", craterAt(0))}, kNothing));
   EXPECT_THAT(Log::create(file, {}).error().message, HasSubstr("'a.edits' has edits already"));
   EXPECT_EQ(Log::open(file).value()->last(), 1u);
   EXPECT_EQ(Log::open(file).value()->world(), worldOf(*alpine()));
@@ -200,7 +200,7 @@ TEST(Log, IsReadByItsOwnerAlone) {
   const std::filesystem::path state = folder / "new/state";
   ASSERT_TRUE(Lock::prepare(state));
   const auto log = Log::create(state / "a.edits", {}).value();
-  ASSERT_TRUE(log->append(std::vector{applied(1, "", crater(0))}, kNothing));
+  ASSERT_TRUE(log->append(std::vector{applied(1, "", craterAt(0))}, kNothing));
   ASSERT_TRUE(log->backUp(state / "copy"));
   using std::filesystem::perms;
   const auto permissionsOf = [](const std::filesystem::path& file) { return std::filesystem::status(file).permissions(); };
@@ -308,10 +308,10 @@ TEST(Log, CompactedEditsAreGroundAndNumbersGoOn) {
 TEST(Log, UndoesAfterEditsThatFollowedAnOpening) {
   const ScratchFolder folder;
   {
-    ASSERT_TRUE(Session::open(folder / "a.edits").value().append(1, [] { return crater(0); }));
+    ASSERT_TRUE(Session::open(folder / "a.edits").value().append(1, [] { return craterAt(0); }));
   }
   Session session = Session::open(folder / "a.edits").value();
-  ASSERT_TRUE(session.append(1, [] { return crater(500); }));
+  ASSERT_TRUE(session.append(1, [] { return craterAt(500); }));
   for (const std::uint64_t edit : {1, 2}) {
     const auto undone = session.append(1, [&] { return edits::Operation{edits::Undo{edit}, 0}; });
     ASSERT_TRUE(undone) << undone.error().message;
@@ -324,7 +324,7 @@ TEST(Log, CacheFollowsUndoneEdits) {
   const ScratchFolder folder;
   Session session = Session::open(folder / "a.edits").value();
   const edits::Operation smooth{edits::Smooth{{m(4), 0}, m(8), 8}, 3};
-  for (const edits::Operation& o : {crater(0), smooth, crater(9)}) ASSERT_TRUE(session.append(1, [&] { return o; }));
+  for (const edits::Operation& o : {craterAt(0), smooth, craterAt(9)}) ASSERT_TRUE(session.append(1, [&] { return o; }));
   for (const std::uint64_t edit : {1, 4, 3, 2, 5}) {
     ASSERT_TRUE(session.append(1, [&] { return edits::Operation{edits::Undo{edit}, 0}; }));
     EXPECT_EQ(session.log->layer().value()->hash(), session.history.layer()->hash()) << edit;

@@ -12,6 +12,7 @@
 #include "common/edits/edited_terrain.h"
 #include "common/edits/history.h"
 #include "server/pipeline/pipeline.h"
+#include "tests/support/crater.h"
 #include "tests/support/mesh_check.h"
 #include "tests/support/rays.h"
 #include "tests/support/verify.h"
@@ -22,7 +23,7 @@ namespace {
 using edits::Operation;
 using lattice::Step;
 
-constexpr Step m(double metres) { return static_cast<Step>(metres * lattice::kStepsPerMetre); }
+using testing_support::m;
 
 struct Rig {
   explicit Rig(unsigned threads = 2, const char* name = "alpine")

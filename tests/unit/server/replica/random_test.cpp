@@ -21,9 +21,9 @@ using lattice::LeafAddress;
 using mesh::LeafState;
 
 // A quadtree of a few roots whose leaves have contents.
-class World {
+class RandomWorld {
  public:
-  explicit World(std::mt19937& random) : random_(random) {
+  explicit RandomWorld(std::mt19937& random) : random_(random) {
     for (int k = 0; k < 3; ++k) leaves_[{3, k, 0}] = next();
   }
   void change() {
@@ -71,17 +71,17 @@ class World {
   std::map<LeafAddress, std::pair<std::uint64_t, std::uint64_t>> leaves_;
 };
 
-struct Frame {
+struct RandomFrame {
   Changes changes;
   std::map<LeafAddress, std::uint64_t> before, content;  // what the client should hold, and what it will
 };
 
 // Applies frames. Points make the server's leaves only from exactly what the server thinks is held.
-struct Client {
+struct RandomClient {
   std::map<LeafAddress, std::uint64_t> held;
   bool isLost = false;  // points came that did not fit, and leaves have not come whole since
 
-  void apply(const Frame& frame) {
+  void apply(const RandomFrame& frame) {
     const Changes& c = frame.changes;
     if (c.anew) isLost = false;
     isLost = isLost || (c.whole.empty() && !c.anew && held != frame.before);
@@ -114,17 +114,17 @@ TEST(ReplicaAtRandom, ClientAndServerAgreeAfterAMillionSteps) {
   std::uint64_t points = 0, wholes = 0, resumed = 0, repaired = 0;
   for (unsigned seed = 0; seed < static_cast<unsigned>(testing_support::rounds(100)); ++seed) {
     std::mt19937 random(seed);
-    World world(random);
-    Client client;
+    RandomWorld world(random);
+    RandomClient client;
     Replica replica(1 + seed % 5, seed % 7 != 0);
     std::map<LeafAddress, std::uint64_t> sent;  // what the client holds once it has everything
-    std::deque<Frame> underWay;
+    std::deque<RandomFrame> underWay;
     std::deque<std::uint64_t> hashes;  // not acknowledged yet
     std::uint64_t applied = 0, acknowledged = 0;
     const auto send = [&] {
       const auto list = world.list();
       const bool differed = replica.differs(list);
-      Frame frame{replica.send(list), sent, {}};
+      RandomFrame frame{replica.send(list), sent, {}};
       const Changes& c = frame.changes;
       EXPECT_EQ(differed, !c.gone.empty() || !c.whole.empty() || !c.come.empty() || !c.other.empty());
       EXPECT_TRUE(std::is_sorted(c.whole.begin(), c.whole.end()) && std::is_sorted(c.gone.begin(), c.gone.end()));

@@ -14,6 +14,7 @@
 
 #include "common/edits/packed.h"
 #include "server/session/camera_session.h"
+#include "tests/support/crater.h"
 #include "tests/support/decoded.h"
 #include "tests/support/simulated_timer.h"
 #include "tests/unit/server/session/scripted.h"
@@ -22,9 +23,9 @@ namespace ridgecast::session {
 namespace {
 
 using testing::HasSubstr;
+using testing_support::craterAt;
+using testing_support::m;
 
-constexpr lattice::Step metres(double m) { return static_cast<lattice::Step>(m * lattice::kStepsPerMetre); }
-edits::Operation craterAt(double x) { return {edits::Crater{{metres(x), 0}, metres(5), static_cast<std::int32_t>(metres(1))}, 0}; }
 // Of about 2 bytes a sample.
 edits::Operation noisyStamp(std::uint32_t side, std::uint32_t seed = 1) {
   std::mt19937 random(seed);
@@ -191,7 +192,7 @@ TEST(EditWrites, MemoryThatRunsOutRefusesAnEditAndEndsNothing) {
   const auto first = steps.ask(craterAt(0), "a");
   steps.work();
   isOut = true;
-  const edits::Operation level{edits::Level{{{0, 0}}, metres(5), 0, 256}, 0};
+  const edits::Operation level{edits::Level{{{0, 0}}, m(5), 0, 256}, 0};
   const auto greedy = steps.ask(level, "b"), modest = steps.ask(craterAt(50));
   steps.work();
   ASSERT_FALSE(**greedy);

@@ -18,6 +18,7 @@
 #include "server/edit_log/database.h"
 #include "server/edit_log/log.h"
 #include "server/session/camera_session.h"
+#include "tests/support/crater.h"
 #include "tests/support/process.h"
 #include "tests/unit/server/session/scripted.h"
 
@@ -27,8 +28,8 @@ namespace {
 using namespace std::chrono_literals;
 using lattice::Step;
 
-constexpr Step m(double metres) { return static_cast<Step>(metres * lattice::kStepsPerMetre); }
-edits::Operation craterAt(double x) { return {edits::Crater{{m(x), 0}, m(5), static_cast<std::int32_t>(m(1))}, 0}; }
+using testing_support::craterAt;
+using testing_support::m;
 
 struct Rig {
   explicit Rig(std::function<void()> changed = [] {})

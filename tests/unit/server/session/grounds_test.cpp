@@ -17,7 +17,7 @@ namespace {
 using namespace std::chrono_literals;
 using lattice::Step;
 
-class Listener final : public Sender {
+class GroundListener final : public Sender {
  public:
   void send(wire::ServerMessage message, std::shared_ptr<const void>) override {
     const std::lock_guard lock(mutex_);
@@ -59,7 +59,7 @@ class GroundsTest : public testing::Test {
   }
   scheduling::Executor executor{2};
   std::shared_ptr<PlaceQueue> queue = Questions(executor).grounds;
-  std::shared_ptr<Listener> listener = std::make_shared<Listener>();
+  std::shared_ptr<GroundListener> listener = std::make_shared<GroundListener>();
   std::shared_ptr<const terrain::Terrain> terrain_;
 };
 

@@ -12,6 +12,7 @@
 
 #include "common/edits/packed.h"
 #include "server/session/session.h"
+#include "tests/support/crater.h"
 #include "tests/support/process.h"
 #include "tests/support/simulated_timer.h"
 #include "tests/unit/server/session/scripted.h"
@@ -21,11 +22,7 @@ namespace {
 
 using testing::HasSubstr;
 using testing::Not;
-
-edits::Operation craterAt(double x) {
-  const auto m = [](double metres) { return static_cast<lattice::Step>(metres * lattice::kStepsPerMetre); };
-  return {edits::Crater{{m(x), 0}, m(5), static_cast<std::int32_t>(m(1))}, 0};
-}
+using testing_support::craterAt;
 
 // Tasks run when work() says so.
 struct Served {

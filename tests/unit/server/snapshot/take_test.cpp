@@ -46,17 +46,17 @@ class TakeTest : public testing::Test {
   std::shared_ptr<session::Session> session;
 };
 
-constexpr char kPose[] = "x=1000000000000&z=-5&altitude=80&yaw=45&pitch=-5&width=320&height=180&threshold=2";
+constexpr char kFarPose[] = "x=1000000000000&z=-5&altitude=80&yaw=45&pitch=-5&width=320&height=180&threshold=2";
 
 TEST_F(TakeTest, APoseIsAWholeSoundMeshWithItsMetadata) {
-  const auto made = take(kPose);
+  const auto made = take(kFarPose);
   ASSERT_TRUE(made) << made.error().message;
   EXPECT_EQ(made->name, "ridgecast-alpine-pose.glb");
   const auto file = testing_support::readGlb(made->file);
   const auto report = testing_support::checkMesh(file.meshes());
   EXPECT_TRUE(report.clean()) << report.text();
   const auto& extras = file.json["asset"]["extras"];
-  EXPECT_EQ(extras, nlohmann::json::parse(take(kPose, true)->metadata));
+  EXPECT_EQ(extras, nlohmann::json::parse(take(kFarPose, true)->metadata));
   EXPECT_EQ(extras["of"], "pose");
   EXPECT_EQ(extras["pose"]["yaw"], 45.0);
   EXPECT_EQ(extras["pose"]["altitude"], 80.0);
@@ -65,7 +65,7 @@ TEST_F(TakeTest, APoseIsAWholeSoundMeshWithItsMetadata) {
   EXPECT_EQ(extras["triangles"], file.triangles());
   EXPECT_EQ(extras["parameters"]["snowLine"], 1760.0);
   EXPECT_EQ(file.json["cameras"].size(), 1u);
-  EXPECT_EQ(take(kPose)->file, made->file);
+  EXPECT_EQ(take(kFarPose)->file, made->file);
 }
 
 TEST_F(TakeTest, AnOwnTerrainsParametersStayPrivate) {
@@ -172,7 +172,7 @@ TEST_F(TakeTest, CoordinatesBeginWhereTheQuestionSays) {
     EXPECT_FALSE(extras.contains("cellX"));
     EXPECT_FALSE(extras.contains("georeference"));
   }
-  const auto pose = testing_support::readGlb(take(std::string(kPose) + "&origin=centre")->file);
+  const auto pose = testing_support::readGlb(take(std::string(kFarPose) + "&origin=centre")->file);
   EXPECT_EQ(pose.json["asset"]["extras"]["origin"]["x"], 1e12);
 }
 
@@ -303,16 +303,16 @@ TEST_F(TakeTest, ALiveCamerasSnapshotIsOfItsMeshsGround) {
 }
 
 TEST_F(TakeTest, ETagsTellQuestionsAndWorldsApart) {
-  const std::string tag = Snapshots::etag(*session, session->ground(), question(kPose), false);
+  const std::string tag = Snapshots::etag(*session, session->ground(), question(kFarPose), false);
   EXPECT_EQ(tag.size(), 32u);
-  EXPECT_EQ(tag, Snapshots::etag(*session, session->ground(), question(kPose), false));
-  EXPECT_NE(tag, Snapshots::etag(*session, session->ground(), question(kPose), true));
-  EXPECT_NE(tag, Snapshots::etag(*session, session->ground(), question(std::string(kPose) + "&compression=draco"), false));
+  EXPECT_EQ(tag, Snapshots::etag(*session, session->ground(), question(kFarPose), false));
+  EXPECT_NE(tag, Snapshots::etag(*session, session->ground(), question(kFarPose), true));
+  EXPECT_NE(tag, Snapshots::etag(*session, session->ground(), question(std::string(kFarPose) + "&compression=draco"), false));
   auto resources = std::make_shared<session::Resources>();
   resources->executor = &executor;
   session::Directory other(resources, terrain::create("alpine", 4).value());
   const auto others = other.find("default");
-  EXPECT_NE(tag, Snapshots::etag(*others, others->ground(), question(kPose), false));
+  EXPECT_NE(tag, Snapshots::etag(*others, others->ground(), question(kFarPose), false));
   EXPECT_EQ(Snapshots::etag(*session, session->ground(), question("camera=1"), false), "");
 }
 
