@@ -193,7 +193,10 @@ int serve(const config::Config& config, const sigset_t& signals, const BeginServ
   const auto makeTerrain = [requestOf, tellsText = config.limits.sendsTerrain](const session::WorldSpec& spec,
                                                                                const std::stop_token& stop) {
     auto made = user_terrain::load(requestOf(spec), warn, stop);
-    if (made) return made;
+    if (made) {
+      if (const terrain::Raster* map = (*made)->raster()) logging::info("height map " + spec.terrain + ": " + user_terrain::describe(*map));
+      return made;
+    }
     const std::string& full = made.error().message;
     const bool quotes = full.find('\n') != std::string::npos;  // the file
     std::string told = quotes && !tellsText ? "the terrain file has errors; the server's log shows them" : text::withoutFolders(full);

@@ -39,8 +39,8 @@ bool Watch::look(const std::filesystem::path& file) {
   std::error_code gone;
   Version now;
   now.time = std::filesystem::last_write_time(file, gone);
-  if (!gone) now.size = std::filesystem::file_size(file, gone);
-  if (gone) return false;  // an editor may be replacing it
+  if (!gone && std::filesystem::is_regular_file(file, gone)) now.size = std::filesystem::file_size(file, gone);
+  if (gone && files_.contains(file)) return false;  // an editor may be replacing it
   const auto [seen, isNew] = files_.try_emplace(file, Seen{now, now});
   const bool isQuiet = std::exchange(seen->second.last, now) == now;
   if (isNew || !isQuiet || seen->second.takenUp == now) return false;

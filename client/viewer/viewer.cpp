@@ -121,6 +121,11 @@ Remembered toRemember(const Remembered& before, const ViewerState& state, const 
   return out;
 }
 
+// Where nobody asked for a place: a map may lie far from x 0, z 0 (place=geo).
+lattice::Point onMap(const wire::World& world, lattice::Point at) {
+  return world.heightMap && !world.heightMap->area().holds(at) ? world.heightMap->middle() : at;
+}
+
 Start startOf(const ViewOptions& options, const Remembered& remembered) {
   const bool given = options.x || options.z || options.altitude || options.yaw || options.pitch || options.path;
   const Remembered::Place* const last = remembered.placeAt(sessionAt(options.url));
@@ -151,8 +156,11 @@ int view(const ViewOptions& given) {
   auto link = std::move(*arrived);
   if (!link) return fail(kRuntimeFailure, link.error());
   std::list<Compiling> compiled;  // also for worlds that were left: the driver cannot be stopped
+  std::string session;
+  bool isAsked = options.x || options.z || start.at != lattice::Point{};
   for (;; state.leaveWorld()) {
     const wire::World& world = link->client->world();
+    if (std::exchange(session, world.session) != world.session && !std::exchange(isAsked, false)) start.at = onMap(world, start.at);
     Compiling* const compiling = render::compilesForeignText(world, options.remoteShaders) ? &compiled.emplace_back(world) : nullptr;
     auto drawing = compiling ? render::neutralDrawing(world, "the graphics driver compiles " + world.terrainName)
                              : render::drawingOf(world, options.remoteShaders);

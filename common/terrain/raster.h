@@ -76,6 +76,8 @@ struct RasterShape {
   std::uint64_t content = 0;             // equal for equal samples, continuation and picture on them
   bool draped = false;                   // a picture lies on it
   double finest() const { return std::min(x.steps(), z.steps()); }
+  lattice::Area area() const { return {x.origin, z.origin, x.of(width - 1), z.of(height - 1)}; }  // of the map itself
+  lattice::Point middle() const { return {x.of(width / 2), z.of(height / 2)}; }
   friend bool operator==(const RasterShape&, const RasterShape&) = default;
 };
 

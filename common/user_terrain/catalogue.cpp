@@ -93,32 +93,77 @@ const terrain::Description* builtIn(std::string_view name) {
   return nullptr;
 }
 
+constexpr std::size_t kMostName = 128;  // clients ask for no longer ones
+
+bool isGlsl(const std::filesystem::path& file) { return file.extension() == ".glsl"; }
+
+// Those that are terrains, by name.
 std::vector<std::filesystem::path> filesIn(const std::filesystem::path& folder) {
   std::vector<std::filesystem::path> out;
   std::error_code failed;
   if (folder.empty()) return out;
   for (const auto& entry : std::filesystem::directory_iterator(folder, failed))
-    if (entry.path().extension() == ".glsl" && entry.is_regular_file(failed)) out.push_back(entry.path());
+    if ((isGlsl(entry.path()) || isRasterName(entry.path().string())) && entry.is_regular_file(failed)) out.push_back(entry.path());
   std::ranges::sort(out);
   return out;
 }
 
-// A height map, by its ending or because it is there and nothing else.
-bool isMap(const Request& request) {
-  if (builtIn(request.terrain)) return false;
-  const std::filesystem::path file = request.terrain;
-  std::error_code failed;
-  return isRasterName(request.terrain) || (file.has_parent_path() && file.extension() != ".glsl" && std::filesystem::exists(file, failed));
+// What keeps a file of a folder from being a terrain by its name; empty: nothing.
+std::string problemOf(const std::filesystem::path& file, const std::vector<std::filesystem::path>& all) {
+  const std::string name = file.stem().string(), begin = file.string() + ": ";
+  if (builtIn(name)) return begin + name + " is the name of a built-in terrain; rename the file";
+  if (name.size() > kMostName || !text::hasOnly(name, "_-"))
+    return begin + "rename it: a terrain's name has up to " + std::to_string(kMostName) + " letters, digits, underscores or hyphens";
+  for (const auto& other : all)
+    if (other.stem() == file.stem() && other != file)
+      return begin + "rename it or " + other.filename().string() + ": two terrains cannot have the name " + name;
+  return {};
 }
 
-// Of this terrain; empty: none.
-std::filesystem::path fileOf(const Request& request) {
-  std::filesystem::path file = request.terrain;
-  if (file.extension() == ".glsl" || isMap(request)) return file;
-  if (builtIn(request.terrain)) return {};
-  for (auto& f : filesIn(request.folder))
-    if (f.stem() == request.terrain) return f;
-  return {};
+// Of this terrain; empty: it is built in.
+Outcome<std::filesystem::path> fileOf(const Request& request) {
+  using Found = Outcome<std::filesystem::path>;
+  if (builtIn(request.terrain)) return Found(boost::system::in_place_value);
+  const std::filesystem::path file = request.terrain;
+  std::error_code failed;
+  if (isGlsl(file) || isRasterName(request.terrain) || (file.has_parent_path() && std::filesystem::exists(file, failed)))
+    return Found(boost::system::in_place_value, file);
+  const auto all = filesIn(request.folder);
+  const auto found = std::ranges::find(all, file.string(), [](const std::filesystem::path& f) { return f.stem().string(); });
+  if (found != all.end()) {
+    if (std::string problem = problemOf(*found, all); !problem.empty()) return Error{std::move(problem)};
+    return Found(boost::system::in_place_value, *found);
+  }
+  std::string names;
+  for (const terrain::Description& d : terrain::builtIn()) names.append(names.empty() ? "" : ", ").append(d.name);
+  for (const auto& f : all) names.append(", ").append(f.stem().string());
+  return Error{"there is no terrain \"" + request.terrain.substr(0, 64) + "\"; there is: " + names +
+               "; or give a file of your own: NAME.glsl, or a height map, such as NAME.tif, or a folder of them, FOLDER/"};
+}
+
+std::filesystem::path settingsOf(std::filesystem::path map) { return map.replace_extension(".raster"); }
+
+// How a map is to be read: by the settings beside it, or as the request says.
+Outcome<RasterOptions> optionsOf(const std::filesystem::path& map, const RasterOptions& asked) {
+  const std::filesystem::path file = settingsOf(map);
+  std::error_code failed;
+  if (!std::filesystem::exists(file, failed)) return asked;
+  if (asked != RasterOptions())
+    return Error{file.string() + " says how " + map.filename().string() + " is read: add a line to it, and leave --raster and --drape out"};
+  const auto text = readText(file);
+  if (!text) return text.error();
+  RasterOptions options;
+  std::string_view rest = *text;
+  for (int line = 1; !rest.empty(); ++line) {
+    std::string_view assignment = text::trimmed(text::takePart(rest, '\n'));
+    if (assignment.empty() || assignment.front() == '#') continue;
+    if (assignment.starts_with("drape=")) {
+      options.drape = map.parent_path() / assignment.substr(6);
+    } else if (auto added = addRasterOption(assignment, options); !added) {
+      return Error{at(file.string(), line) + added.error().message};
+    }
+  }
+  return options;
 }
 
 Outcome<std::shared_ptr<const terrain::Terrain>> loadBuiltIn(const terrain::Description& d, const Request& request) {
@@ -134,19 +179,10 @@ Outcome<std::shared_ptr<const terrain::Terrain>> loadBuiltIn(const terrain::Desc
   return terrain::create(d.name, request.seed, {std::move(values), std::move(*text)});
 }
 
-Outcome<Source> find(const Request& request) {
-  const std::filesystem::path file = fileOf(request);
-  if (file.empty()) {
-    std::string names;
-    for (const terrain::Description& d : terrain::builtIn()) names.append(names.empty() ? "" : ", ").append(d.name);
-    for (const auto& f : filesIn(request.folder)) names.append(", ").append(f.stem().string());
-    return Error{"there is no terrain \"" + request.terrain.substr(0, 64) + "\"; there is: " + names +
-                 "; or give a file of your own: NAME.glsl, or a height map, such as NAME.tif, or a folder of them, FOLDER/"};
-  }
+Outcome<Source> read(const std::filesystem::path& file) {
   auto text = readText(file);
   if (!text) return text.error();
-  if (builtIn(file.stem().string()))
-    return Error{file.string() + ": " + file.stem().string() + " is the name of a built-in terrain; rename the file"};
+  if (builtIn(file.stem().string())) return Error{problemOf(file, {})};
   return Source{file.stem().string(), file.string(), std::move(*text)};
 }
 
@@ -207,14 +243,20 @@ Outcome<std::shared_ptr<const Library>> built(const Source& source, const Reques
 }  // namespace
 
 Outcome<std::shared_ptr<const terrain::Terrain>> load(const Request& request, Complain complain, const std::stop_token& stop) {
-  if (request.raster != RasterOptions() && !isMap(request))
+  const auto file = fileOf(request);
+  if (!file) return file.error();
+  const bool isMap = !file->empty() && !isGlsl(*file);
+  if (request.raster != RasterOptions() && !isMap)
     return Error{"--raster and --drape are for height maps; terrain \"" + request.terrain.substr(0, 64) + "\" takes --param NAME=NUMBER"};
   if (const auto* d = builtIn(request.terrain)) return loadBuiltIn(*d, request);
-  if (isMap(request)) {
-    if (!request.parameters.empty()) return Error{"--param sets parameters of GLSL terrains; a height map takes --raster NAME=VALUE"};
-    return loadRaster(request.terrain, request.raster, request.seed);
+  if (isMap) {
+    if (!request.parameters.empty())
+      return Error{"the terrain \"" + request.terrain.substr(0, 64) + "\" is a height map, which has no parameters"};
+    const auto options = optionsOf(*file, request.raster);
+    if (!options) return options.error();
+    return loadRaster(*file, *options, request.seed, {}, stop);
   }
-  auto source = find(request);
+  auto source = read(*file);
   if (!source) return source.error();
   const auto wrong = [&](const Error& error) { return Error{explained(source->file, source->text, error.message)}; };
   if (auto fine = checkText(source->file, source->text); !fine) return wrong(fine.error());
@@ -232,8 +274,13 @@ Outcome<std::shared_ptr<const terrain::Terrain>> load(const Request& request, Co
 
 std::vector<std::filesystem::path> filesOf(const Request& request) {
   std::vector<std::filesystem::path> files;
-  if (const std::filesystem::path file = fileOf(request); !file.empty()) files.push_back(file);
-  if (!request.raster.drape.empty()) files.push_back(request.raster.drape);
+  const auto file = fileOf(request);
+  if (!file || file->empty()) return files;
+  files.push_back(*file);
+  if (isGlsl(*file)) return files;
+  files.push_back(settingsOf(*file));
+  if (const auto options = optionsOf(*file, request.raster); options && !options->drape.empty()) files.push_back(options->drape);
+  std::ranges::move(otherFilesOf(*file), std::back_inserter(files));
   return files;
 }
 
@@ -246,8 +293,14 @@ Outcome<std::vector<Entry>> list(const std::filesystem::path& folder) {
   if (folder.empty()) return out;
   std::error_code failed;
   if (!std::filesystem::is_directory(folder, failed)) return Error{"--terrain-dir: there is no folder " + folder.string()};
-  for (const auto& file : filesIn(folder)) {
-    Entry entry{file.stem().string(), {}, {}, {}};
+  const auto files = filesIn(folder);
+  for (const auto& file : files) {
+    Entry entry{file.stem().string(), {}, {}, problemOf(file, files)};
+    if (!entry.problem.empty() || !isGlsl(file)) {
+      entry.summary = "height map, " + file.filename().string();
+      out.push_back(std::move(entry));
+      continue;
+    }
     auto text = readText(file);
     auto fine = text ? checkText(file.string(), *text) : Outcome<void>(text.error());
     auto declaration = fine ? readDeclaration(file.string(), *text) : Outcome<Declaration>(fine.error());

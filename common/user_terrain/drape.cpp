@@ -67,11 +67,12 @@ void halve(const Samples& from, Samples& to) {
     for (std::uint32_t i = 0; i < to.width(); ++i) to.row(j)[i] = pixelOf(bilinear(from, 2.0 * i + 0.5, 2.0 * j + 0.5));
 }
 
-Outcome<void> readPixels(const std::string& name, RasterFile& file, Samples& pixels) {
+Outcome<void> readPixels(const std::string& name, RasterFile& file, const std::stop_token& stop, Samples& pixels) {
   const RasterHeader& header = file.header();
   std::vector<double> values(std::size_t{header.width} * header.bands);
   double brightest = 0;
   for (std::uint32_t j = 0; j < header.height; ++j) {
+    if (stop.stop_requested()) return Error{name + ": stopped"};
     if (auto read = file.row(values); !read) return read.error();
     for (std::uint32_t i = 0; i < header.width; ++i) {
       const double* const v = &values[std::size_t{i} * header.bands];
@@ -127,9 +128,9 @@ std::uint64_t hashOf(Samples& pixels) {
 }  // namespace
 
 Outcome<Drape> Drape::read(const std::filesystem::path& path, const Samples& samples, const RasterHeader& map,
-                           const terrain::RasterShape& shape, std::uint64_t inMemory, std::uint64_t most) {
+                           const terrain::RasterShape& shape, std::uint64_t inMemory, std::uint64_t most, const std::stop_token& stop) {
   const bool ofHeights = isRamp(path);
-  auto file = ofHeights ? openRamp(path, samples, map) : openPicture(path);
+  auto file = ofHeights ? openRamp(path, samples, map) : openPicture(path, stop);
   if (!file) return file.error();
   const RasterHeader& header = (*file)->header();
   const std::string name = path.string();
@@ -147,7 +148,7 @@ Outcome<Drape> Drape::read(const std::filesystem::path& path, const Samples& sam
     if (!made) return Error{name + ": " + made.error().message};
     out.levels_.push_back(std::move(*made));
   }
-  if (auto pixels = readPixels(name, **file, out.levels_[0]); !pixels) return pixels.error();
+  if (auto pixels = readPixels(name, **file, stop, out.levels_[0]); !pixels) return pixels.error();
   for (std::size_t level = 1; level < out.levels_.size(); ++level) halve(out.levels_[level - 1], out.levels_[level]);
   // By the map's samples, so that both lie together where the pitch is another than the file's.
   out.x_ = {shape.x.origin, 0, 1 / shape.x.steps()};

@@ -26,7 +26,8 @@ class Drape {
   // pyramid a third more; more than `inMemory` bytes go into a file. Error: the file's; another CRS than the map's, or none; it lies
   // beside the map; it takes more than `most` bytes.
   static Outcome<Drape> read(const std::filesystem::path& file, const Samples& samples, const RasterHeader& map,
-                             const terrain::RasterShape& shape, std::uint64_t inMemory, std::uint64_t most);
+                             const terrain::RasterShape& shape, std::uint64_t inMemory, std::uint64_t most,
+                             const std::stop_token& stop = {});
 
   // Linear light times alpha, and alpha.
   struct Light {

@@ -17,8 +17,9 @@ constexpr const char* kSkipped =
 
 }  // namespace
 
-Outcome<Gdal> Gdal::find(const std::string& what) {
+Outcome<Gdal> Gdal::find(const std::string& what, std::stop_token stop) {
   Gdal out;
+  out.stop_ = std::move(stop);
   for (const char* program : {"gdalinfo", "gdal_translate", "gdalsrsinfo", "gdalbuildvrt"}) {
     auto found = findProgram(program);
     if (!found) return Error{what + ": install the package gdal-bin"};
@@ -30,8 +31,7 @@ Outcome<Gdal> Gdal::find(const std::string& what) {
   return out;
 }
 
-Outcome<std::string> Gdal::run(const char* program, std::vector<std::string> arguments, std::uint64_t mostBytes,
-                               std::stop_token stop) const {
+Outcome<std::string> Gdal::run(const char* program, std::vector<std::string> arguments, std::uint64_t mostBytes) const {
   const std::filesystem::path log = file("log");
   for (const auto& [key, value] : {std::pair<std::string, std::string>{"CPL_LOG", log.string()},
                                    {"GDAL_SKIP", kSkipped},
@@ -45,7 +45,7 @@ Outcome<std::string> Gdal::run(const char* program, std::vector<std::string> arg
   ChildLimits limits;
   limits.time = std::chrono::seconds(600);
   limits.fileSize = mostBytes + (std::uint64_t{16} << 20);
-  const auto ended = runChild(folder_ / program, arguments, limits, std::move(stop));
+  const auto ended = runChild(folder_ / program, arguments, limits, stop_);
   if (!ended) return ended.error();
   const auto complained = text::readFile(log, 4096);
   std::error_code ignored;

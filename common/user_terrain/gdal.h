@@ -16,19 +16,19 @@ namespace ridgecast::user_terrain {
 
 class Gdal {
  public:
-  // `what` needs them: the beginning of a sentence. Error: there are none, or no folder for temporary files.
-  static Outcome<Gdal> find(const std::string& what);
+  // `what` needs them: the beginning of a sentence; `stop` ends what runs. Error: there are none, or no folder for temporary files.
+  static Outcome<Gdal> find(const std::string& what, std::stop_token stop);
 
   // Of a folder that lives as long as this, or as what was taken.
   std::filesystem::path file(const char* name) const { return scratch_->path() / name; }
   std::optional<Scratch> takeScratch() { return std::exchange(scratch_, std::nullopt); }
 
   // What the program prints. `mostBytes`: of a file that it writes. Error: the first thing that it complained of, or it was stopped.
-  Outcome<std::string> run(const char* program, std::vector<std::string> arguments, std::uint64_t mostBytes = 1 << 20,
-                           std::stop_token stop = {}) const;
+  Outcome<std::string> run(const char* program, std::vector<std::string> arguments, std::uint64_t mostBytes = 1 << 20) const;
 
  private:
   std::filesystem::path folder_;
+  std::stop_token stop_;
   std::optional<Scratch> scratch_;
 };
 

@@ -308,8 +308,8 @@ class Reading {
 }  // namespace
 
 Outcome<std::unique_ptr<RasterFile>> openByGdal(const std::filesystem::path& file, const std::string& why, const RasterOptions& options,
-                                                bool isPicture) {
-  auto tools = Gdal::find(file.string() + ": " + why + ", which GDAL's programs read");
+                                                bool isPicture, const std::stop_token& stop) {
+  auto tools = Gdal::find(file.string() + ": " + why + ", which GDAL's programs read", stop);
   if (!tools) return tools.error();
   try {
     return Reading(file, options, isPicture, std::move(*tools)).open();

@@ -13,6 +13,7 @@
 #include <memory>
 #include <optional>
 #include <span>
+#include <stop_token>
 #include <string>
 
 #include "common/outcome/outcome.h"
@@ -58,11 +59,12 @@ class RasterFile {
 };
 
 // A file, or a folder of maps side by side. Chooses by the name's ending. Errors are one sentence that begins with the file's name: no such
-// file, content does not match the name, more than one band, truncated, too large, ...
-Outcome<std::unique_ptr<RasterFile>> openRaster(const std::filesystem::path& file, const RasterOptions& options);
+// file, content does not match the name, more than one band, truncated, too large, stopped, ...
+Outcome<std::unique_ptr<RasterFile>> openRaster(const std::filesystem::path& file, const RasterOptions& options,
+                                                const std::stop_token& stop = {});
 
 // A GeoTIFF of red, green, blue and perhaps alpha, 8 or 16 bits each, or what GDAL makes of another file. Errors as of openRaster.
-Outcome<std::unique_ptr<RasterFile>> openPicture(const std::filesystem::path& file);
+Outcome<std::unique_ptr<RasterFile>> openPicture(const std::filesystem::path& file, const std::stop_token& stop = {});
 
 // One of the formats, chosen by openRaster. `size` is the file's length in bytes.
 Outcome<std::unique_ptr<RasterFile>> openTiff(const std::filesystem::path& file, std::uint64_t size, const RasterOptions& options);
@@ -78,7 +80,7 @@ Outcome<std::unique_ptr<RasterFile>> openAsc(const std::filesystem::path& file, 
 // installed. What they read lies in the file's folder; they have no network, 10 minutes of a processor and 3 GiB of memory. Error: theirs;
 // a mask, unit, projection or number of bands that is no height map.
 Outcome<std::unique_ptr<RasterFile>> openByGdal(const std::filesystem::path& file, const std::string& why, const RasterOptions& options,
-                                                bool isPicture);
+                                                bool isPicture, const std::stop_token& stop);
 // A TIFF's samples alone, as its bands; what else it says is of no interest.
 Outcome<std::unique_ptr<RasterFile>> openPlain(const std::filesystem::path& file, bool isPicture);
 

@@ -109,13 +109,15 @@ struct Missing {
   std::uint64_t count = 0;
   std::uint32_t x = 0, z = 0;  // the first
 };
-Outcome<Missing> readSamples(const std::string& name, RasterFile& file, const RasterOptions& options, Samples& samples) {
+Outcome<Missing> readSamples(const std::string& name, RasterFile& file, const RasterOptions& options, const std::stop_token& stop,
+                             Samples& samples) {
   const RasterHeader& header = file.header();
   const std::optional<double> noData = options.missing ? options.missing : header.noData;
   const double scale = options.scale == 1 ? header.heightUnit : options.scale;
   Missing missing;
   std::vector<double> values(header.width);
   for (std::uint32_t z = 0; z < header.height; ++z) {
+    if (stop.stop_requested()) return Error{name + ": stopped"};
     if (auto read = file.row(values); !read) return read.error();
     const std::span<std::int32_t> row = samples.row(z);
     for (std::uint32_t x = 0; x < header.width; ++x) {
@@ -245,8 +247,8 @@ Outcome<std::shared_ptr<const Map>> finished(const std::string& name, Samples sa
 
 // `used`: bytes of the other maps in use.
 Outcome<std::shared_ptr<const Map>> read(const std::filesystem::path& path, const RasterOptions& options, const MapLimits& limits,
-                                         std::uint64_t used) {
-  auto file = openRaster(path, options);
+                                         std::uint64_t used, const std::stop_token& stop) {
+  auto file = openRaster(path, options, stop);
   if (!file) return file.error();
   RasterHeader header = (*file)->header();
   const std::string name = path.string();
@@ -260,7 +262,7 @@ Outcome<std::shared_ptr<const Map>> read(const std::filesystem::path& path, cons
                  inMegabytes(limits.total) + ", the most"};
   auto samples = Samples::create(header.width, header.height, limits.inMemory - std::min(used, limits.inMemory));
   if (!samples) return Error{name + ": " + samples.error().message};
-  const auto missing = readSamples(name, **file, options, *samples);
+  const auto missing = readSamples(name, **file, options, stop, *samples);
   if (!missing) return missing.error();
   if (const std::uint64_t mixed = missing->count == 0 ? 0 : dropMixed(*samples))
     header.read += (header.read.empty() ? "" : "; ") + std::to_string(mixed) +
@@ -270,7 +272,7 @@ Outcome<std::shared_ptr<const Map>> read(const std::filesystem::path& path, cons
   const auto finish = [&](Samples all, const std::string& crs, std::uint64_t before) -> Outcome<std::shared_ptr<const Map>> {
     if (options.drape.empty()) return finished(name, std::move(all), *shape, header, crs, options, limits, before);
     auto picture =
-        Drape::read(options.drape, all, header, *shape, limits.inMemory - std::min(before, limits.inMemory), limits.total - before);
+        Drape::read(options.drape, all, header, *shape, limits.inMemory - std::min(before, limits.inMemory), limits.total - before, stop);
     if (!picture) return picture.error();
     const std::uint64_t with = before + picture->bytes();
     return finished(name, std::move(all), *shape, header, crs, options, limits, with, std::move(*picture));
@@ -298,7 +300,8 @@ Outcome<std::shared_ptr<const Map>> read(const std::filesystem::path& path, cons
 // The maps in use, by file and options.
 class Maps {
  public:
-  Outcome<std::shared_ptr<const Map>> open(const std::filesystem::path& path, const RasterOptions& options, const MapLimits& limits) {
+  Outcome<std::shared_ptr<const Map>> open(const std::filesystem::path& path, const RasterOptions& options, const MapLimits& limits,
+                                           const std::stop_token& stop) {
     const Key key{path, options, versionOf(path), options.drape.empty() ? Version() : versionOf(options.drape)};
     const std::lock_guard lock(mutex_);
     std::uint64_t used = 0;
@@ -308,9 +311,15 @@ class Maps {
       if (entry.key == key && entry.sources == versionsOf(*map)) return map;
       used += map->bytes();
     }
-    auto made = read(path, options, limits, used);
+    auto made = read(path, options, limits, used, stop);
     if (made) entries_.push_back({key, *made, versionsOf(**made)});
     return made;
+  }
+  std::vector<std::filesystem::path> sourcesOf(const std::filesystem::path& path) {
+    const std::lock_guard lock(mutex_);
+    for (const Entry& entry : inUse())
+      if (const auto map = entry.key.path == path ? entry.map.lock() : nullptr) return map->sources;
+    return {};
   }
   std::uint64_t bytes() {
     const std::lock_guard lock(mutex_);
@@ -384,8 +393,8 @@ std::optional<std::uint32_t> folded(std::int64_t k, std::uint32_t n, Edge edge) 
 }
 
 Outcome<std::shared_ptr<const terrain::Terrain>> loadRaster(const std::filesystem::path& path, const RasterOptions& options,
-                                                            std::uint32_t seed, const MapLimits& limits) {
-  auto map = maps().open(path, options, limits);
+                                                            std::uint32_t seed, const MapLimits& limits, const std::stop_token& stop) {
+  auto map = maps().open(path, options, limits, stop);
   if (!map) return map.error();
   return std::shared_ptr<const terrain::Terrain>(std::make_shared<RasterTerrain>(path.stem().string(), seed, std::move(*map)));
 }
@@ -406,6 +415,8 @@ std::string describe(const terrain::Raster& map) {
   if (!origin.drape.empty()) out += ", draped with " + origin.drape;
   return origin.read.empty() ? out : out + "; " + origin.read;
 }
+
+std::vector<std::filesystem::path> otherFilesOf(const std::filesystem::path& map) { return maps().sourcesOf(map); }
 
 std::uint64_t bytesOfMaps() { return maps().bytes(); }
 

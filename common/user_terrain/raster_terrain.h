@@ -10,7 +10,9 @@
 #include <filesystem>
 #include <memory>
 #include <span>
+#include <stop_token>
 #include <string>
+#include <vector>
 
 #include "common/outcome/outcome.h"
 #include "common/terrain/raster.h"
@@ -32,9 +34,13 @@ std::optional<std::uint32_t> folded(std::int64_t k, std::uint32_t n, Edge edge);
 
 // Reads a file (raster_file.h) and its picture (drape.h) whole, unless they are in use. Any thread; files are read one at a time. Error:
 // those of openRaster, row() and Drape::read; missing samples without nodata=; heights beyond 32,768 m; positions beyond the lattice; more
-// than limits.total in use.
+// than limits.total in use; or a stop.
 Outcome<std::shared_ptr<const terrain::Terrain>> loadRaster(const std::filesystem::path& file, const RasterOptions& options,
-                                                            std::uint32_t seed, const MapLimits& limits = {});
+                                                            std::uint32_t seed, const MapLimits& limits = {},
+                                                            const std::stop_token& stop = {});
+
+// What a map in use was read from beside its own file: those that a VRT names, the maps of a folder.
+std::vector<std::filesystem::path> otherFilesOf(const std::filesystem::path& map);
 
 // What was understood of a height map, in a line.
 std::string describe(const terrain::Raster& map);

@@ -103,9 +103,10 @@ Outcome<std::unique_ptr<RasterFile>> openHgt(const std::filesystem::path& file, 
   return std::unique_ptr<RasterFile>(std::make_unique<RawFile>(file.string(), std::move(in), header, true, true));
 }
 
-Outcome<std::unique_ptr<RasterFile>> openRaster(const std::filesystem::path& file, const RasterOptions& options) {
+Outcome<std::unique_ptr<RasterFile>> openRaster(const std::filesystem::path& file, const RasterOptions& options,
+                                                const std::stop_token& stop) {
   std::error_code failed;
-  if (std::filesystem::is_directory(file, failed)) return openByGdal(file, "it is a folder of maps", options, false);
+  if (std::filesystem::is_directory(file, failed)) return openByGdal(file, "it is a folder of maps", options, false, stop);
   if (!std::filesystem::is_regular_file(file, failed) || failed) return Error{"there is no file " + file.string()};
   const std::uint64_t size = std::filesystem::file_size(file, failed);
   if (failed || !std::ifstream(file)) return Error{"cannot read " + file.string()};
@@ -116,9 +117,9 @@ Outcome<std::unique_ptr<RasterFile>> openRaster(const std::filesystem::path& fil
                                              : ending == ".png"                    ? openPng(file, size)
                                              : ending == ".r16" || ending == ".raw"
                                                  ? openRaw(file, size, options)
-                                                 : openByGdal(file, "it is no TIFF, PNG, ASCII grid or raw file", options, false);
+                                                 : openByGdal(file, "it is no TIFF, PNG, ASCII grid or raw file", options, false, stop);
   if (!own || (*own)->header().unread.empty()) return own;
-  return openByGdal(file, (*own)->header().unread, options, false);
+  return openByGdal(file, (*own)->header().unread, options, false, stop);
 }
 
 std::string besideIt(const std::filesystem::path& file, bool isPlaced) {

@@ -466,14 +466,14 @@ Outcome<std::unique_ptr<RasterFile>> openTiff(const std::filesystem::path& file,
   return std::unique_ptr<RasterFile>(std::move(tiff));
 }
 
-Outcome<std::unique_ptr<RasterFile>> openPicture(const std::filesystem::path& file) {
+Outcome<std::unique_ptr<RasterFile>> openPicture(const std::filesystem::path& file, const std::stop_token& stop) {
   std::error_code failed;
   if (!std::filesystem::is_regular_file(file, failed) || failed) return Error{"there is no file " + file.string()};
   if (const std::string ending = text::lower(file.extension().string()); ending != ".tif" && ending != ".tiff")
-    return openByGdal(file, "it is no TIFF", {}, true);
+    return openByGdal(file, "it is no TIFF", {}, true, stop);
   auto tiff = std::make_unique<TiffFile>(file.string(), true, false);
   if (auto opened = tiff->open(std::filesystem::file_size(file, failed), {}); !opened) return opened.error();
-  if (const std::string& unread = tiff->header().unread; !unread.empty()) return openByGdal(file, unread, {}, true);
+  if (const std::string& unread = tiff->header().unread; !unread.empty()) return openByGdal(file, unread, {}, true, stop);
   return std::unique_ptr<RasterFile>(std::move(tiff));
 }
 

@@ -83,7 +83,8 @@ void addTerrain(CLI::App& app, Written& w) {
   app.add_option("--drape", c.terrain.raster.drape,
                  "Picture on a height map: a GeoTIFF of red, green and blue in the map's CRS, or a .txt of heights and colours")
       ->type_name("FILE");
-  app.add_option("--terrain-dir", c.terrain.folder, "Folder of terrain files NAME.glsl, each available as NAME")->type_name("DIR");
+  app.add_option("--terrain-dir", c.terrain.folder, "Folder of terrain files NAME.glsl and height maps, each available as NAME")
+      ->type_name("DIR");
   app.add_option("--terrain-cache", c.terrain.cache, "Folder for compiled terrains; default: your cache folder")->type_name("DIR");
   app.add_flag("--watch", c.watch, "Reload terrain files when they are saved; a file with errors changes nothing");
   app.add_flag("--private-terrain", w.isPrivate,

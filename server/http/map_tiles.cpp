@@ -117,7 +117,7 @@ Answer tileOf(const terrain::Terrain& terrain, const Wanted& wanted, const Placi
 // TileJSON 3.0.0, with what MapLibre reads of it beyond. `folder`: of the tiles, an absolute address.
 Answer listOf(const std::string& name, bool colours, const Placing& asked, const terrain::Raster* map, const std::string& folder,
               const std::string& query) {
-  const auto bounds = map ? map::boundsOf(map::areaOf(map->shape()), map, asked.at) : std::optional(map::Bounds());
+  const auto bounds = map ? map::boundsOf(map->shape().area(), map, asked.at) : std::optional(map::Bounds());
   if (!bounds) return openRefusal(400, kSayAt);
   const auto [west, south, east, north] = *bounds;
   const map::Place middle = asked.at.value_or(map::Place{(west + east) / 2, (south + north) / 2});

@@ -85,10 +85,6 @@ std::optional<Sheet> sheetOf(const TileAddress& tile, const terrain::Raster& map
   return out;
 }
 
-lattice::Area areaOf(const terrain::RasterShape& map) {
-  return {map.x.origin, map.z.origin, map.x.of(map.width - 1), map.z.of(map.height - 1)};
-}
-
 std::optional<Bounds> boundsOf(const lattice::Area& part, const terrain::Raster* map, const std::optional<Place>& origin) {
   constexpr std::int64_t kParts = 16;  // of a side, which may be bent
   const auto grid = map ? terrain::onGrid(*map, {}) : std::nullopt;
@@ -160,7 +156,7 @@ bool isBeside(const Sheet& sheet, const terrain::RasterShape& map) {
     north = std::min(north, node.z);
     south = std::max(south, node.z);
   }
-  const lattice::Area all = areaOf(map);
+  const lattice::Area all = map.area();
   return east < static_cast<double>(all.x0) || west > static_cast<double>(all.x1) || south < static_cast<double>(all.z0) ||
          north > static_cast<double>(all.z1);
 }

@@ -49,8 +49,6 @@ std::optional<Sheet> sheetOf(const TileAddress& tile, const terrain::Raster& map
 struct Bounds {
   double west = -180, south = -85.051129, east = 180, north = 85.051129;
 };
-// From a map's first sample to its last.
-lattice::Area areaOf(const terrain::RasterShape& map);
 std::optional<Bounds> boundsOf(const lattice::Area& part, const terrain::Raster* map, const std::optional<Place>& origin);
 // The tiles of a level that it meets.
 struct TileRange {

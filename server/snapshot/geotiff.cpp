@@ -89,7 +89,7 @@ bool writeSamples(const terrain::Terrain& terrain, const OfGrid& grid, const std
 
 Result<std::string> writeGeoTiff(const terrain::Terrain& terrain, const OfGrid& grid, bool tellsPlace, const std::string& description,
                                  scheduling::Pool& pool, const box::Watch& watch, Progress* progress) {
-  auto gdal = user_terrain::Gdal::find("GDAL's programs write GeoTIFFs");
+  auto gdal = user_terrain::Gdal::find("GDAL's programs write GeoTIFFs", watch.stop);
   if (!gdal) return Problem{Problem::Kind::kFailed, gdal.error().message + "."};
   if (!writeSamples(terrain, grid, gdal->file("heights.f32"), pool, watch, progress)) return noRoom();
   if (watch.over()) return watch.problem();
@@ -100,7 +100,7 @@ Result<std::string> writeGeoTiff(const terrain::Terrain& terrain, const OfGrid& 
   const auto written = gdal->run("gdal_translate",
                                  {"-q", "-of", "COG", "-co", "COMPRESS=DEFLATE", "-co", "PREDICTOR=YES", "-co", "BIGTIFF=IF_SAFER", "-co",
                                   "OVERVIEW_RESAMPLING=AVERAGE", source.string(), made.string()},
-                                 most, watch.stop);
+                                 most);
   if (watch.over()) return watch.problem();
   if (!written)
     return Problem{Problem::Kind::kFailed, "GDAL could not write the file: " + text::withoutFolders(written.error().message) + "."};

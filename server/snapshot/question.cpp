@@ -76,7 +76,7 @@ Outcome<Corners> namedBox(const std::string& text, const std::optional<std::stri
   if (text == "all") {
     if (!map) return Error{"box=all is the whole of a height map, and this terrain never ends: say x0, z0, x1 and z1."};
     if (crs) return Error{"box=all is the whole of a height map, in any CRS: leave crs out."};
-    const lattice::Area all = map::areaOf(map->shape());
+    const lattice::Area all = map->shape().area();
     return Corners{metres(all.x0), metres(all.z0), metres(all.x1), metres(all.z1)};
   }
   const auto corners = cornersOf(text);

@@ -170,6 +170,78 @@ TEST(WorldsOfAMap, ShareItsSamples) {
   EXPECT_LE(resident(), before + kMap * 3 / 2);
 }
 
+// Maps of one folder, each a session's ground by its name.
+class WorldsOfMaps : public testing::Test {
+ protected:
+  static constexpr const char* kGrid = "ncols 3\nnrows 3\nxllcorner 680000\nyllcorner 5240000\ncellsize 100\n";
+  void write(const std::string& name, const std::string& text) const {
+    std::ofstream(folder_ / "new") << text;
+    std::filesystem::rename(folder_ / "new", folder_ / name);
+  }
+  static std::string flat(int height) {
+    std::string out = kGrid;
+    for (int k = 0; k < 9; ++k) out += std::to_string(height) + (k % 3 == 2 ? "\n" : " ");
+    return out;
+  }
+  static std::string get(const ServerProcess& server, const std::string& target) {
+    SocketClient client(server.port());
+    client.send("GET " + target + " HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n");
+    return client.answer();
+  }
+  ScratchFolder folder_;
+};
+
+TEST_F(WorldsOfMaps, LieBesideOneAnother) {
+  write("low.asc", flat(100));
+  write("high.asc", flat(900));
+  write("high.raster", "offset=50\n");
+  ServerProcess server(RIDGECAST_SERVER, {"--terrain-dir", (folder_ / "").string()});
+  EXPECT_THAT(get(server, "/v1/terrains"), testing::AllOf(HasSubstr("height map, low.asc"), HasSubstr("height map, high.asc")));
+  wire::Settings settings;
+  settings.threshold = 5;
+  camera::Camera camera;
+  camera.pose.y = 1500;
+  camera.pose.pitch = -1;
+  Flier low(server.url() + "?session=a&terrain=low", settings), high(server.url() + "?session=b&terrain=high", settings);
+  for (Flier* flier : {&low, &high}) flier->settle(camera);
+  EXPECT_NEAR(*low.scene().height({0, 0}), 100, 0.01);
+  EXPECT_NEAR(*high.scene().height({0, 0}), 950, 0.01);
+  EXPECT_THAT(get(server, "/v1/heights?session=c&terrain=high&at=20,30"), HasSubstr("[950"));
+  EXPECT_THAT(get(server, "/v1/heights?session=a&at=20,30"), HasSubstr("[100"));
+  EXPECT_THAT(get(server, "/v1/heights?at=20,30"), testing::Not(HasSubstr("[100")));  // the default session's own ground
+  const auto sessions =
+      nlohmann::json::parse(get(server, "/v1/sessions").substr(get(server, "/v1/sessions").find("\r\n\r\n"))).at("sessions");
+  EXPECT_EQ(std::ranges::count_if(sessions, [](const auto& s) { return s.contains("height_map"); }), 3);
+  EXPECT_TRUE(await([&] { return server.process().output().find("height map high: 3 x 3 samples, 100 m apart") != std::string::npos; }));
+  EXPECT_THAT(get(server, "/v1/heights?session=d&terrain=low&param=x=1&at=0,0"), HasSubstr("a height map, which has no parameters"));
+  EXPECT_THAT(get(server, "/v1/heights?session=d&terrain=..%2Flow&at=0,0"), HasSubstr("A terrain's name has letters"));
+  EXPECT_THAT(get(server, "/v1/heights?session=d&terrain=low.asc&at=0,0"), HasSubstr("A terrain's name has letters"));
+}
+
+// --watch: also the files that a map names, and the one that says how it is read.
+TEST_F(WorldsOfMaps, FollowTheirSources) {
+  if (!programExists("gdal_translate")) GTEST_SKIP() << "needs gdal-bin";
+  write("part.asc", flat(100));
+  write("whole.vrt", R"(<VRTDataset rasterXSize="3" rasterYSize="3"><GeoTransform>680000, 100, 0, 5240300, 0, -100</GeoTransform>
+<VRTRasterBand dataType="Float32" band="1"><SimpleSource><SourceFilename relativeToVRT="1">part.asc</SourceFilename>
+<SourceBand>1</SourceBand></SimpleSource></VRTRasterBand></VRTDataset>)");
+  ServerProcess server(RIDGECAST_SERVER, {"--watch", "--terrain-dir", (folder_ / "").string()});
+  const auto becomes = [&](const std::string& height, std::chrono::seconds within) {
+    return await([&] { return get(server, "/v1/heights?session=w&terrain=whole&at=0,0").find("[" + height) != std::string::npos; }, within);
+  };
+  ASSERT_TRUE(becomes("100", std::chrono::seconds(60))) << get(server, "/v1/heights?session=w&terrain=whole&at=0,0");
+  // Saved again where the server had not yet looked.
+  const auto turns = [&](const std::string& name, const std::string& text, const std::string& height) {
+    for (int k = 0; k < 20; ++k) {
+      write(name, text);
+      if (becomes(height, std::chrono::seconds(3))) return true;
+    }
+    return false;
+  };
+  EXPECT_TRUE(turns("part.asc", flat(300), "300")) << server.process().output();
+  EXPECT_TRUE(turns("whole.raster", "offset=25\n", "325")) << server.process().output();
+}
+
 // Whoever upgrades and never says hello keeps no slot; nobody gets them all.
 TEST(WorldsUnentered, TakeNoSlotsFromOthers) {
   ServerProcess server(RIDGECAST_SERVER, {"--timeout", "1"});

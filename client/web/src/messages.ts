@@ -52,6 +52,7 @@ export interface WorldTold {
   threshold: number; // granted
   takesEdits: boolean;
   jumpsClock: boolean; // its clock may be set to a time
+  map: { x0: number; z0: number; x1: number; z1: number } | undefined; // steps: where a height map lies
 }
 
 /** The session's clock, as the server told of it. */

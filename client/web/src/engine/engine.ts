@@ -2,8 +2,8 @@
 // takes them over a port of its own.
 
 import type { DracoDecode } from '../codec/leaf';
-import type { Iteration, World } from '../generated/ridgecast/v1/stream_pb';
-import type { Figures, FromEngine, ToEngine } from '../messages';
+import type { HeightMap, Iteration, World } from '../generated/ridgecast/v1/stream_pb';
+import type { Figures, FromEngine, ToEngine, WorldTold } from '../messages';
 import { Replica } from '../replica/replica';
 import { touch } from '../scene/touch';
 import { Held, Loss, Settings, Socket, Stream, jumpsClock, takesEdits, tellsEdits } from '../stream/stream';
@@ -34,6 +34,11 @@ async function explain(url: string, token: string): Promise<Loss | undefined> {
 export interface Parts {
   readonly draco: DracoDecode;
   readonly points: WebAssembly.Module; // of scene/point_mesh.ts
+}
+
+function areaOf({ originX, originZ, pitchX, pitchZ, width, height }: HeightMap): WorldTold['map'] {
+  const last = (origin: bigint, pitch: bigint, count: number): number => Number(origin + ((pitch * BigInt(count - 1)) >> 20n));
+  return { x0: Number(originX), z0: Number(originZ), x1: last(originX, pitchX, width), z1: last(originZ, pitchZ, height) };
 }
 
 export class Engine {
@@ -163,6 +168,7 @@ export class Engine {
         threshold: world.settings?.threshold ?? 0,
         takesEdits: takesEdits(world),
         jumpsClock: jumpsClock(world),
+        map: world.heightMap && areaOf(world.heightMap),
       },
     });
     return held;

@@ -8,6 +8,7 @@ import { poseAt } from './flying';
 export interface Place {
   pose: Pose; // y is NaN where it is not known yet: `altitude` above the ground there
   altitude: number;
+  isAnywhere: boolean; // nobody asked for this place
   session: string;
   terrain: string; // of a session that is to be made where there is none; else empty
   seed: string;
@@ -35,6 +36,7 @@ export function readPlace({ hash, search }: Pick<Location, 'hash' | 'search'>): 
   return {
     pose: poseAt(x, number('y', -1e5, 3e4) ?? NaN, z, yaw / degrees, pitch / degrees),
     altitude: number('altitude', 2, 3e4) ?? 150,
+    isAnywhere: !values.has('x') && !values.has('z'),
     session: values.get('session') || 'default',
     terrain: values.get('terrain') ?? '',
     seed: values.get('seed') ?? '',

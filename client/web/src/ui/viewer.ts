@@ -221,7 +221,7 @@ export class Viewer {
   }
 
   private enter(world: WorldTold): void {
-    const { terrain, seed, session, lacks, threshold } = world;
+    const { terrain, seed, session, lacks, threshold, map } = world;
     this.editor.connected(world);
     this.clock.enter(world);
     this.makingSince = 0;
@@ -233,6 +233,8 @@ export class Viewer {
     if (lacks && this.look.mode !== 'mesh') this.setMode('mesh');
     this.toolbar.allowTerrain(!lacks);
     this.toolbar.showThreshold(threshold);
+    if (map && this.place.isAnywhere) this.goOnto(map);
+    this.place.isAnywhere = false;
   }
 
   private async edit(): Promise<void> {
@@ -392,6 +394,14 @@ export class Viewer {
     history.replaceState(null, '', this.address());
     this.notices.light('wait', 'connecting');
     this.connect();
+  }
+
+  /** A map may lie far from x 0, z 0 (place=geo). */
+  private goOnto({ x0, z0, x1, z1 }: NonNullable<WorldTold['map']>): void {
+    const { pose } = this.flying;
+    if (pose.x >= x0 && pose.x < x1 && pose.z >= z0 && pose.z < z1) return;
+    this.flying.pose = { ...pose, x: Math.floor((x0 + x1) / 2), z: Math.floor((z0 + z1) / 2) };
+    this.wantGround();
   }
 
   private wantGround(): void {

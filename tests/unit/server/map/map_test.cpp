@@ -117,7 +117,7 @@ TEST(Mercator, AMapsPixelsLieWhereItsGridHasThem) {
 TEST(Mercator, BoundsHoldTheWholeMapAndNoMore) {
   const Placed map;
   for (const std::optional<Place>& origin : {std::optional<Place>(), std::optional(Place{-70, -33})}) {
-    const auto bounds = boundsOf(areaOf(map.shape()), &map, origin);
+    const auto bounds = boundsOf(map.shape().area(), &map, origin);
     ASSERT_TRUE(bounds);
     double west = 180, south = 90, east = -180, north = -90;  // of pixels of the map
     const Place middle{(bounds->west + bounds->east) / 2, (bounds->south + bounds->north) / 2};
@@ -157,14 +157,14 @@ TEST(Mercator, BoundsHoldTheWholeMapAndNoMore) {
   fiji.crs_ = "EPSG:32760";
   fiji.easting_ = 820'500;
   fiji.northing_ = 8'175'000;
-  const auto crossed = boundsOf(areaOf(fiji.shape()), &fiji, {});
+  const auto crossed = boundsOf(fiji.shape().area(), &fiji, {});
   ASSERT_TRUE(crossed);
   EXPECT_EQ(crossed->west, -180);
   EXPECT_EQ(crossed->east, 180);
   EXPECT_NEAR(crossed->south, -16.5, 0.2);
   fiji.crs_ = "EPSG:1";
-  EXPECT_FALSE(boundsOf(areaOf(fiji.shape()), &fiji, {}));
-  EXPECT_TRUE(boundsOf(areaOf(fiji.shape()), &fiji, Place{1, 2}));
+  EXPECT_FALSE(boundsOf(fiji.shape().area(), &fiji, {}));
+  EXPECT_TRUE(boundsOf(fiji.shape().area(), &fiji, Place{1, 2}));
 }
 
 // Laid elsewhere by hand, it stays turned.
