@@ -4,6 +4,7 @@
 #include <cctype>
 #include <cmath>
 #include <fstream>
+#include <limits>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -26,14 +27,14 @@ class AscFile final : public RasterFile {
     if (!in_) return Error{"cannot read " + name_};
     std::array<std::optional<double>, kKeys.size()> values;
     std::string word = next();
-    for (; !word.empty() && std::isalpha(static_cast<unsigned char>(word[0])); word = next()) {
+    for (; !word.empty() && std::isalpha(static_cast<unsigned char>(word[0])) && !isNan(word); word = next()) {
       word = text::lower(word);
       std::size_t key = 0;
       while (key < kKeys.size() && kKeys[key] != word) ++key;
       const std::string text = next();
-      const auto value = text::number<double>(text);
-      if (const bool isOwn = key < kKeys.size() && !values[key] && value; !isOwn && (word == "dx" || word == "dy" || word == "nan")) {
-        header_.unread = "it is an ASCII grid with dx and dy, or one that begins with nan";
+      const auto value = key == kNone ? sampleOf(text) : text::number<double>(text);
+      if (word == "dx" || word == "dy") {
+        header_.unread = "it is an ASCII grid with dx and dy";
         return {};
       }
       if (key == kKeys.size() || values[key] || !value)
@@ -51,7 +52,7 @@ class AscFile final : public RasterFile {
     for (std::uint32_t x = 0; x < header_.width; ++x) {
       const std::string word = first_.empty() ? next() : std::exchange(first_, {});
       if (word.empty()) return Error{name_ + ": it ends in row " + std::to_string(row_) + "; it is cut off"};
-      const auto value = text::number<double>(word);
+      const auto value = sampleOf(word);
       if (!value || word.size() > kMostWord)
         return Error{name_ + ": '" + shown(word) + "' at column " + std::to_string(x) + ", row " + std::to_string(row_) +
                      " is not a number"};
@@ -66,6 +67,10 @@ class AscFile final : public RasterFile {
   static constexpr std::array<std::string_view, 8> kKeys{"ncols",     "nrows",     "xllcorner", "xllcenter",
                                                          "yllcorner", "yllcenter", "cellsize",  "nodata_value"};
 
+  static bool isNan(const std::string& word) { return text::lower(word) == "nan"; }
+  static std::optional<double> sampleOf(const std::string& word) {
+    return isNan(word) ? std::numeric_limits<double>::quiet_NaN() : text::number<double>(word);
+  }
   static std::string shown(const std::string& word) {
     std::string out;
     for (const char c : word.substr(0, 32)) out += c > ' ' && c <= '~' && c != '\'' ? c : '?';

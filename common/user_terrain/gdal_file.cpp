@@ -90,6 +90,8 @@ class Reading {
     if (!info_.is_object() || !info_.contains("bands") || !info_.contains("size"))
       return Error{name_ + ": GDAL's programs describe it in a way that is not understood"};
     if (auto fine = judgeFiles(); !fine) return fine.error();
+    if (info_.contains("coordinateSystem") && !info_["coordinateSystem"].value("wkt", "").empty())
+      if (const auto proj = tools_.run("gdalsrsinfo", {"--single-line", "-o", "proj4", source_.string()})) proj_ = *proj;
     if (auto fine = judgeBands(); !fine) return fine.error();
     if (auto fine = readPlace(); !fine) return fine.error();
     return translated();
@@ -187,15 +189,30 @@ class Reading {
     header_.hasAlpha = isPicture_;
     header_.white = type == "UInt16" ? 65535 : 255;
     if (isPicture_) return {};
-    const std::string unit = first.value("unit", "");
-    const auto metres = metresIn(unit);
+    if (auto fine = readUnit(first.value("unit", "")); !fine) return fine;
+    if (isScaled_) say("scale " + text::rounded(scale, 9) + ", offset " + text::rounded(offset, 9));
+    if (isMasked_ && (!alpha_.empty() || !first.contains("noDataValue"))) say("mask");
+    return {};
+  }
+
+  // Of the heights: the band's or, where that says nothing, the vertical part's of the CRS.
+  Outcome<void> readUnit(std::string unit) {
+    if (unit.empty()) unit = projValue("vunits");
+    if (unit.empty()) unit = projValue("vto_meter");
+    const auto metres = metresIn(unit) ? metresIn(unit) : text::number<double>(unit);
     if (!metres && options_.scale == 1)
       return error("its heights are in \"" + unit + "\": say how many metres that is with --raster scale=");
     header_.heightUnit = metres.value_or(1);
     if (header_.heightUnit != 1) say(unit + " to metres");
-    if (isScaled_) say("scale " + text::rounded(scale, 9) + ", offset " + text::rounded(offset, 9));
-    if (isMasked_ && (!alpha_.empty() || !first.contains("noDataValue"))) say("mask");
     return {};
+  }
+
+  // Of the CRS as PROJ has it; empty: not there.
+  std::string projValue(std::string_view key) const {
+    const std::size_t at = proj_.find("+" + std::string(key) + "=");
+    if (at == std::string::npos) return {};
+    const std::size_t begin = at + key.size() + 2;
+    return proj_.substr(begin, std::min(proj_.find_first_of(" \n", begin), proj_.size()) - begin);
   }
 
   Outcome<void> readPlace() {
@@ -204,28 +221,19 @@ class Reading {
     const double west = grid.at(0), across = grid.at(1), north = grid.at(3), down = -grid.at(5).get<double>();
     if (grid.at(2) != 0.0 || grid.at(4) != 0.0 || !(across > 0) || !(down > 0))
       return error("its rows do not run east and its columns south: turn it (gdalwarp)");
-    std::string proj;
-    if (info_.contains("coordinateSystem") && !info_["coordinateSystem"].value("wkt", "").empty())
-      if (const auto printed = tools_.run("gdalsrsinfo", {"--single-line", "-o", "proj4", source_.string()})) proj = *printed;
-    const auto value = [&](std::string_view key) -> std::string {
-      const std::size_t at = proj.find("+" + std::string(key) + "=");
-      if (at == std::string::npos) return {};
-      const std::size_t begin = at + key.size() + 2;
-      return proj.substr(begin, std::min(proj.find_first_of(" \n", begin), proj.size()) - begin);
-    };
     if (const Json epsg = info_.value("stac", Json::object()).value("proj:epsg", Json()); epsg.is_number_unsigned() && epsg < 65536)
       header_.epsg = epsg.get<std::uint16_t>();
     else
-      header_.crs = proj.substr(0, proj.find_last_not_of(" \n") + 1);
-    if (value("proj") == "longlat") {
-      if (!value("pm").empty()) return error("its longitudes do not count from Greenwich: gdalwarp -t_srs EPSG:4326 makes them");
+      header_.crs = proj_.substr(0, proj_.find_last_not_of(" \n") + 1);
+    if (projValue("proj") == "longlat") {
+      if (!projValue("pm").empty()) return error("its longitudes do not count from Greenwich: gdalwarp -t_srs EPSG:4326 makes them");
       if (std::abs(west) <= 360 && std::abs(north) <= 90.5) header_.degrees = DegreeGrid{west + across / 2, north - down / 2, across, down};
       return {};
     }
-    if (value("proj") == "merc" && !options_.pitch) {
+    if (projValue("proj") == "merc" && !options_.pitch) {
       return error("it is in a Mercator projection, whose metres are not those on the ground: project it (gdalwarp -t_srs " + zone() + ")");
     }
-    const std::string toMetre = value("to_meter"), units = value("units");
+    const std::string toMetre = projValue("to_meter"), units = projValue("units");
     const auto unit = toMetre.empty() ? metresIn(units) : text::number<double>(toMetre);
     if (!unit) return error("its lengths are in \"" + units + "\": project it to metres (gdalwarp -t_srs), or say --raster pitch=METRES");
     if (*unit != 1) say("lengths in " + (units.empty() ? toMetre + " m" : units));
@@ -299,6 +307,7 @@ class Reading {
   path source_;  // the file, or a mosaic of a folder
   std::vector<path> sources_;
   Json info_;
+  std::string proj_;
   RasterHeader header_;
   std::string said_;
   std::string alpha_;  // the band's number; empty: there is none

@@ -195,7 +195,7 @@ TEST_F(WorldsOfMaps, LieBesideOneAnother) {
   write("low.asc", flat(100));
   write("high.asc", flat(900));
   write("high.raster", "offset=50\n");
-  ServerProcess server(RIDGECAST_SERVER, {"--terrain-dir", (folder_ / "").string()});
+  ServerProcess server(RIDGECAST_SERVER, {"--log-level", "info", "--terrain-dir", (folder_ / "").string()});
   EXPECT_THAT(get(server, "/v1/terrains"), testing::AllOf(HasSubstr("height map, low.asc"), HasSubstr("height map, high.asc")));
   wire::Settings settings;
   settings.threshold = 5;

@@ -397,13 +397,15 @@ test('says what is wrong', async (t) => {
     await staysUnconnected(viewer, /Reload/);
   });
   await t.test('a terrain whose functions it does not have', async () => {
-    const folder = mkdtempSync(join(tmpdir(), 'ridgecast-map-')), map = join(folder, 'hills.r16');
-    writeFileSync(map, Uint8Array.from({ length: 2 * 64 * 64 }, (_, k) => (k % 2 === 0 ? 0 : 100 + 20 * Math.sin(k / 97))));
-    const own = await Server.start(['--terrain', map, '--raster', 'size=64x64', '--raster', 'pitch=25', '--terrain-cache', folder]);
+    const folder = mkdtempSync(join(tmpdir(), 'ridgecast-map-')), map = join(folder, 'hills.asc');
+    const samples = Array.from({ length: 64 * 64 }, (_, k) => Math.round(1000 + 200 * Math.sin(k / 97))).join(' ');
+    writeFileSync(map, `ncols 64\nnrows 64\nxllcorner 680000\nyllcorner 5240000\ncellsize 25\n${samples}\n`);
+    const own = await Server.start(['--terrain', map, '--raster', 'place=geo', '--terrain-cache', folder]);
     try {
       const viewer = await Viewer.open(browser, `${own.http}/#threshold=16`, { width: 160, height: 90 });
       const { frames } = await viewer.until('drawn', (r) => r.drawn);
       assert.equal(frames!.corrected, false);
+      await viewer.page.waitForFunction(() => /x=680800\b.*&z=-5240800\b/.test(location.hash)); // the map's middle, not 0, 0
       for (const [key, said] of [['KeyT', /no samples of a height map: the mesh is drawn as it is/], ['Digit2', /no samples of a height map: there is no ray march/]] as const) {
         await viewer.page.keyboard.press(key);
         await viewer.said(said);

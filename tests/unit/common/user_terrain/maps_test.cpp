@@ -6,6 +6,8 @@
 #include <cmath>
 #include <fstream>
 #include <functional>
+#include <iomanip>
+#include <sstream>
 #include <string>
 #include <vector>
 
@@ -124,6 +126,28 @@ TEST_F(Maps, MasksAreHoles) {
            .options = {"place=geo", "missing=0"},
            .hasHoles = true},
            Case{.script = "gdal_translate -q -of HFA holes.tif map.img", .file = "map.img", .hasHoles = true},
+           Case{.script = "gdal_translate -q -co PROFILE=BASELINE holes.tif map.tif; test -f map.tif.aux.xml", .hasHoles = true},
+           Case{.script = "gdal_translate -q -of EHdr holes.tif map.flt", .file = "map.flt", .hasHoles = true},
+           Case{.script = "gdal_translate -q -of AAIGrid holes.tif map.asc", .file = "map.asc", .hasHoles = true},
+           Case{.script = "gdal_translate -q -of AAIGrid holes.tif map.asc; rm map.prj; sed -i 's/-9999/nan/g' map.asc",
+           .file = "map.asc",
+           .hasHoles = true},
+           Case{.script = "gdal_translate -q -of AAIGrid holes.tif map.asc; rm map.prj; sed -i 's/-9999/NaN/g; /NODATA/d' map.asc",
+           .file = "map.asc",
+           .hasHoles = true},
+           Case{.script = "gdal_translate -q -of netCDF holes.tif map.nc", .file = "map.nc", .hasHoles = true},
+           Case{.script = "gdal_translate -q -of GSBG holes.tif map.grd", .file = "map.grd", .hasHoles = true},
+           Case{.script = "gdal_translate -q -of SAGA holes.tif map.sdat", .file = "map.sdat", .hasHoles = true},
+           Case{.script = "gdal_translate -q -of RST holes.tif map.rst", .file = "map.rst", .hasHoles = true},
+           Case{.script = "gdal_translate -q -ot Int32 -co COMPRESS=LERC holes.tif map.tif", .hasHoles = true},
+           Case{.script = "gdal_translate -q -ot Float64 -co COMPRESS=ZSTD -co PREDICTOR=3 holes.tif map.tif", .hasHoles = true},
+           Case{.script = "gdal_translate -q -co BIGTIFF=YES -co ENDIANNESS=BIG -co TILED=YES -co BLOCKXSIZE=16 -co BLOCKYSIZE=16 "
+                          "holes.tif map.tif",
+           .hasHoles = true},
+           Case{.script = "gdal_translate -q -co TILED=YES -co BLOCKXSIZE=16 -co BLOCKYSIZE=16 -co SPARSE_OK=YES holes.tif map.tif",
+           .hasHoles = true},
+           Case{.script = "gdal_translate -q holes.tif map.tif; gdaladdo -q -r average map.tif 2 4", .hasHoles = true},
+           Case{.script = "gdal_translate -q holes.tif map.tif; gdaladdo -q -ro map.tif 2 4; test -f map.tif.ovr", .hasHoles = true},
        })
     judge(c);
 }
@@ -214,6 +238,18 @@ TEST_F(Maps, UnitsScalesAndOffsetsAreApplied) {
            .file = "map.vrt",
            .options = {"place=geo", "scale=2"},
            .height = [](double h) { return 2 * h; }},
+           Case{.script = "gdal_translate -q -a_srs EPSG:2225+6360 plain.tif map.tif", .unit = 12 / 39.37, .height = surveyFeet},
+           Case{.script = "gdal_translate -q -a_srs EPSG:32632+6360 -of VRT plain.tif map.vrt",
+           .file = "map.vrt",
+           .height = surveyFeet,
+           .said = "us-ft to metres"},
+           Case{.script = "gdal_translate -q -a_srs EPSG:32632+8228 -of VRT plain.tif map.vrt", .file = "map.vrt", .height = feet},
+           Case{.script = "gdal_translate -q -a_srs EPSG:32632+5773 -of VRT plain.tif map.vrt", .file = "map.vrt"},
+           Case{.script = "gdal_translate -q -a_scale 0.1 -a_offset -500 -co PROFILE=BASELINE int.tif map.tif; test -f map.tif.aux.xml",
+           .height = scaled},
+           Case{.script = "gdal_translate -q -a_scale 0.1 -a_offset -500 -of netCDF int.tif map.nc", .file = "map.nc", .height = scaled},
+           Case{.script = "gdal_translate -q -a_scale 0.1 -a_offset -500 -of EHdr int.tif map.bil", .file = "map.bil", .height = scaled},
+           Case{.script = "gdal_translate -q -a_scale 0.1 -a_offset -500 -of COG int.tif map.tif", .height = scaled},
        })
     judge(c);
   EXPECT_THAT(refusal(inUnit("hPa", "true"), "map.vrt"), HasSubstr("its heights are in \"hPa\": say how many metres that is"));
@@ -239,6 +275,17 @@ TEST_F(Maps, FilesBesideTheMapSayWhereItLies) {
            .options = {},
            .isPlaced = false},
            Case{.script = "cp plain.tif map.tif; gdalinfo -stats map.tif > /dev/null; test -f map.tif.aux.xml"},
+           Case{.script = "gdal_translate -q -co TFW=YES -co PROFILE=BASELINE plain.tif map.tif; rm map.tif.aux.xml; mv map.tfw map.tifw"},
+           Case{.script =
+                    "gdal_translate -q -of PNG -ot UInt16 -co WORLDFILE=YES plain.tif map.png; rm map.png.aux.xml; mv map.wld map.pngw",
+           .file = "map.png"},
+           Case{.script = "gdal_translate -q -of AAIGrid plain.tif map.asc; rm map.prj", .file = "map.asc"},
+           Case{.script = "gdal_translate -q -of AAIGrid plain.tif map.asc; sed -i 's/$/\\r/' map.asc", .file = "map.asc"},
+           Case{.script = "gdal_translate -q -of AAIGrid plain.tif map.asc; rm map.prj; sed -i 's/xllcorner.*/XLLCENTER 680005/; "
+                          "s/yllcorner.*/YLLCENTER 5240005/' map.asc",
+           .file = "map.asc"},
+           Case{.script = "gdal_translate -q -of AAIGrid plain.tif map.asc; sed -i 's/cellsize.*/dx 10\\ndy 10/' map.asc",
+           .file = "map.asc"},
        })
     judge(c);
 }
@@ -274,9 +321,35 @@ TEST_F(Maps, OtherFormatsAreRead) {
                           "mapb.tif; gdalbuildvrt -q map.vrt mapa.tif mapb.tif",
            .file = "map.vrt"},
            Case{.script = "gdal_translate -q -co NBITS=12 -ot UInt16 plain.tif map.tif"},
+           Case{.script = "gdal_translate -q -of BT plain.tif map.bt", .file = "map.bt"},
+           Case{.script = "gdal_translate -q -of PCIDSK plain.tif map.pix", .file = "map.pix"},
+           Case{.script = "gdal_translate -q -of ILWIS plain.tif map.mpr", .file = "map.mpr"},
+           Case{.script = "gdal_translate -q -of GPKG -co TILE_FORMAT=TIFF plain.tif map.gpkg", .file = "map.gpkg"},
+           Case{.script = "gdal_translate -q -of GS7BG plain.tif map.grd", .file = "map.grd"},
+           Case{.script = "gdal_translate -q -of GSAG plain.tif map.grd", .file = "map.grd"},
+           Case{.script = "gdal_translate -q -of KRO plain.tif map.kro", .file = "map.kro", .options = {}, .isPlaced = false},
+           Case{.script = "gdal_translate -q -of ZMap plain.tif map.zmap", .file = "map.zmap"},
+           Case{.script = "cp plain.tif map.TIFF", .file = "map.TIFF"},
+           Case{.script = "gdalbuildvrt -q -addalpha map.vrt plain.tif", .file = "map.vrt"},
+           Case{.script = "gdalwarp -q -of VRT plain.tif map.vrt", .file = "map.vrt"},
+           Case{.script = "gdal_translate -q -of VRT plain.tif mapin.vrt; gdal_translate -q -of VRT mapin.vrt map.vrt", .file = "map.vrt"},
        })
     judge(c);
   EXPECT_THAT(refusal("rm -rf map; mkdir map", "map"), HasSubstr("there is no height map in this folder"));
+}
+
+// Pitches that are no whole number of steps, in each axis its own.
+TEST_F(Maps, PitchesAreThoseOfTheFile) {
+  const double foot = 0.03048, surveyFoot = 1.2 / 39.37;
+  const auto sized = [](double unit, const std::string& more) {
+    std::ostringstream out;
+    out << std::setprecision(17) << "gdal_translate -q -a_ullr " << kWest * unit << ' ' << kNorth * unit << ' '
+        << (kWest + 10 * kWidth) * unit << ' ' << (kNorth - 10 * kHeight) * unit << " plain.tif " << more;
+    return out.str();
+  };
+  for (const double unit : {0.01, 0.02, 1.0 / 30, foot, surveyFoot, 1.0009})
+    for (const auto& [how, file] : {std::pair{"map.tif", "map.tif"}, {"-of VRT map.vrt", "map.vrt"}, {"-of HFA map.img", "map.img"}})
+      judge({.script = sized(unit, how), .file = file, .unit = unit});
 }
 
 // Packed more than 2,000 times: a sea with an island.
@@ -296,10 +369,19 @@ TEST_F(Maps, WhatIsNotInMetresOnTheGroundIsRefusedWithWhatToDo) {
     EXPECT_THAT(refusal(std::string("gdal_translate -q -of VRT -a_srs EPSG:") + crs + " plain.tif map.vrt", "map.vrt"),
                 HasSubstr("Mercator"));
   }
-  EXPECT_THAT(refusal("gdal_translate -q -a_srs EPSG:4806 -a_ullr 1 45 2 44 plain.tif map.tif"), HasSubstr("Greenwich"));
+  EXPECT_THAT(refusal("gdal_translate -q -a_srs '+proj=merc +lon_0=10 +datum=WGS84' plain.tif map.tif"), HasSubstr("Mercator"));
+  for (const auto& [how, file] : {std::pair{"map.tif", "map.tif"}, {"-of VRT map.vrt", "map.vrt"}, {"-of HFA map.img", "map.img"}})
+    EXPECT_THAT(refusal(std::string("rm -f map*; gdal_translate -q -a_srs EPSG:4806 -a_ullr 1 45 2 44 plain.tif ") + how, file),
+                HasSubstr("Greenwich"));
+  for (const char* first : {"", "-outsize 50% 50%"})
+    EXPECT_THAT(refusal(std::string("rm -f map*; gdal_translate -q ") + first +
+                        " plain.tif map.tif; gdal_translate -q -co APPEND_SUBDATASET=YES -outsize 25% 25% plain.tif map.tif"),
+                HasSubstr("it has several pages: take one of them"));
   const std::string pacific = "gdal_translate -q -a_srs EPSG:4326 -a_ullr 232 50 233 49 plain.tif map.tif";
   EXPECT_THAT(refusal(pacific), HasSubstr("UTM zone 9 north (gdalwarp -t_srs EPSG:32609)"));
   EXPECT_THAT(refusal("gdal_translate -q -a_srs EPSG:4326 -a_ullr 232 50 233 49 -of VRT plain.tif map.vrt", "map.vrt"),
+              HasSubstr("EPSG:32609"));
+  EXPECT_THAT(refusal("gdal_translate -q -a_srs EPSG:4326 -a_ullr 232 50 233 49 -of netCDF plain.tif map.nc", "map.nc"),
               HasSubstr("EPSG:32609"));
   EXPECT_THAT(refusal("gdal_translate -q -gcp 0 0 1 1 1 -gcp 9 0 2 1 1 -gcp 0 9 1 2 1 plain.tif map.tif"), HasSubstr("not how far apart"));
   EXPECT_THAT(refusal("gdal_translate -q -b 1 -b 1 plain.tif map.tif"), HasSubstr("2 bands"));
@@ -321,6 +403,9 @@ TEST_F(Maps, PicturesAreMaskedAsTheirFilesSay) {
       "gdal_translate -q -ot Byte -scale 0 1 255 255 -srcwin 0 0 20 30 plain.tif west.tif; gdalbuildvrt -q -te 680000 5240000 680400 "
       "5240300 a.vrt west.tif; "
       "gdalbuildvrt -q -separate rgba.vrt 200.tif 100.tif 50.tif a.vrt; "
+      "for c in 200 100 50; do gdal_translate -q -srcwin 0 0 20 30 $c.tif w$c.tif; gdalbuildvrt -q -te 680000 5240000 680400 5240300 "
+      "b$c.vrt "
+      "w$c.tif; done; gdalbuildvrt -q -separate black.vrt b200.vrt b100.vrt b50.vrt a.vrt; "
       "gdal_translate -q -co PHOTOMETRIC=RGB -co ALPHA=YES rgba.vrt rgba.tif; "
       "gdal_translate -q -b 1 -b 2 -b 3 -mask 4 -co PHOTOMETRIC=RGB --config GDAL_TIFF_INTERNAL_MASK YES rgba.tif masked.tif");
   for (const std::string script :
@@ -330,14 +415,17 @@ TEST_F(Maps, PicturesAreMaskedAsTheirFilesSay) {
         "drape.tif",
         "gdal_translate -q -co COMPRESS=JPEG -co TILED=YES -co JPEG_QUALITY=100 -co PHOTOMETRIC=YCBCR --config GDAL_TIFF_INTERNAL_MASK NO "
         "masked.tif drape.tif",
-        "gdal_translate -q -ot UInt16 -scale 0 255 0 65535 -co PHOTOMETRIC=RGB -co ALPHA=YES rgba.tif drape.tif"}) {
+        "gdal_translate -q -ot UInt16 -scale 0 255 0 65535 -co PHOTOMETRIC=RGB -co ALPHA=YES rgba.tif drape.tif",
+        "gdal_translate -q -co PHOTOMETRIC=RGB -co ALPHA=PREMULTIPLIED black.vrt drape.tif",
+        "gdal_translate -q -co PHOTOMETRIC=RGB -a_nodata 0 -b 1 -b 2 -b 3 black.vrt drape.tif",
+        "gdal_translate -q -of PNG rgba.tif drape.png; test -f drape.png.aux.xml", "gdal_translate -q -of COG rgba.tif drape.tif"}) {
     SCOPED_TRACE(script);
     shell("rm -f drape*; " + script);
     Request request;
     request.terrain = (folder_ / "plain.tif").string();
     request.raster.geographic = true;
     const auto bare = user_terrain::load(request, {});
-    request.raster.drape = folder_ / (script.ends_with(".vrt") ? "drape.vrt" : "drape.tif");
+    request.raster.drape = folder_ / std::filesystem::path(script.substr(script.find("drape."), 9));
     const auto draped = user_terrain::load(request, {});
     ASSERT_TRUE(bare && draped) << (draped ? "" : draped.error().message);
     const auto colour = [](const terrain::Terrain& terrain, double east) {
