@@ -1,9 +1,12 @@
 // Flies over a session's ground on Cesium's globe: drag to move, wheel for height, Ctrl and drag to turn.
-//   ?session=NAME&x=METRES&z=METRES&at=LON,LAT,HEIGHT   which world, and the place of it that lies at the place on the globe
+//   ?session=NAME&x=METRES&z=METRES&at=LON,LAT,HEIGHT   which world, and the place of it that lies at the place on the globe, unless its
+//                                                       map says where it lies
 /* global Cesium */
+import { findPlace, session } from '../place.js';
+
 const asked = new URLSearchParams(location.search);
-const at = asked.get('at') ?? '11.39,47.27,0';
-const where = new URLSearchParams({ at, x: asked.get('x') ?? 0, z: asked.get('z') ?? 0, compression: 'draco' });
+const { at, longitude, latitude, height } = await findPlace();
+const where = new URLSearchParams({ ...(at && { at, x: asked.get('x') ?? 0, z: asked.get('z') ?? 0 }), compression: 'draco' });
 
 const viewer = new Cesium.Viewer('view', {
   animation: false,
@@ -27,7 +30,7 @@ if (scene.sun) scene.sun.show = false;
 if (scene.moon) scene.moon.show = false;
 scene.light = new Cesium.DirectionalLight({ direction: new Cesium.Cartesian3(0, 0, -1), intensity: 3 });
 
-const url = `/v1/sessions/${asked.get('session') ?? 'default'}/3dtiles/tileset.json?${where}`;
+const url = `${session}/3dtiles/tileset.json?${where}`;
 async function askAgainIfBusy(resource, { statusCode, responseHeaders }) {
   if (statusCode !== 503) return false;
   await new Promise((done) => setTimeout(done, 1000 * (responseHeaders['retry-after'] ?? 1)));
@@ -42,8 +45,7 @@ tileset.tileFailed.addEventListener(({ url, message }) => failed.push(`${url}: $
 scene.primitives.add(tileset);
 
 // From the tangent plane (east, north, up) to the Earth.
-const [longitude, latitude, height] = at.split(',').map(Number);
-const frame = Cesium.Transforms.eastNorthUpToFixedFrame(Cesium.Cartesian3.fromDegrees(longitude, latitude, height || 0));
+const frame = Cesium.Transforms.eastNorthUpToFixedFrame(Cesium.Cartesian3.fromDegrees(longitude, latitude, height));
 const onEarth = (vector, how) => Cesium.Matrix4[how](frame, vector, new Cesium.Cartesian3());
 scene.light.direction = onEarth(Cesium.Cartesian3.normalize(new Cesium.Cartesian3(1, -0.4, -1.2), new Cesium.Cartesian3()), 'multiplyByPointAsVector');
 

@@ -1,15 +1,16 @@
-// A session's world as the terrain of a MapLibre map: ?session=NAME&at=LON,LAT, where the world's origin lies on Earth.
+// A session's world as the terrain of a MapLibre map: ?session=NAME&at=LON,LAT, where the world's origin lies on Earth, unless its map says so.
 import maplibregl from 'maplibre-gl';
 import 'maplibre-gl/dist/maplibre-gl.css';
+import { findPlace, session } from '../place.js';
 
 const wanted = new URLSearchParams(location.search);
-const at = (wanted.get('at') ?? '11.39,47.27').split(',').map(Number);
-const list = (kind) => `${location.origin}/v1/sessions/${wanted.get('session') ?? 'default'}/${kind}/tiles.json?at=${at}`;
+const { at, longitude, latitude } = await findPlace();
+const list = (kind) => `${location.origin}${session}/${kind}/tiles.json${at && `?at=${longitude},${latitude}`}`;
 const heights = { type: 'raster-dem', url: list('heights'), tileSize: 256 };
 
 const map = new maplibregl.Map({
   container: 'map',
-  center: at,
+  center: [longitude, latitude],
   zoom: 12.5,
   pitch: 70,
   bearing: 20,
