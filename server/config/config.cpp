@@ -191,6 +191,10 @@ Outcome<Config> finish(Written&& w) {
   c.limits.sendsTerrain = !w.isPrivate;
   c.terrain.colours = w.isPrivate;
   c.terrain.prober = "/proc/self/exe";  // main() calls asProbe
+  // Absolute, so that what clients are told can leave the folders out (text::withoutFolders).
+  if (std::filesystem::path(c.terrain.terrain).has_parent_path()) c.terrain.terrain = std::filesystem::absolute(c.terrain.terrain);
+  for (std::filesystem::path* path : {&c.terrain.folder, &c.terrain.raster.drape})
+    if (!path->empty()) *path = std::filesystem::absolute(*path);
   if (const auto error = parseAll(w.parameters, user_terrain::parseAssignment, c.terrain.parameters)) return *error;
   if (const auto error = parseAll(w.trustedProxies, access::Network::parse, c.net.trustedProxies)) return *error;
   if (const auto error = parseAll(w.allowedHosts, access::parseHostName, c.net.allowedHosts)) return *error;

@@ -195,7 +195,8 @@ TEST_F(WorldsOfMaps, LieBesideOneAnother) {
   write("low.asc", flat(100));
   write("high.asc", flat(900));
   write("high.raster", "offset=50\n");
-  ServerProcess server(RIDGECAST_SERVER, {"--log-level", "info", "--terrain-dir", (folder_ / "").string()});
+  write("hole.asc", std::string(kGrid) + "NODATA_value 7\n1 2 3\n4 5 6\n7 8 9\n");
+  ServerProcess server(RIDGECAST_SERVER, {"--log-level", "info", "--terrain-dir", std::filesystem::relative(folder_ / "").string()});
   EXPECT_THAT(get(server, "/v1/terrains"), testing::AllOf(HasSubstr("height map, low.asc"), HasSubstr("height map, high.asc")));
   wire::Settings settings;
   settings.threshold = 5;
@@ -213,6 +214,7 @@ TEST_F(WorldsOfMaps, LieBesideOneAnother) {
       nlohmann::json::parse(get(server, "/v1/sessions").substr(get(server, "/v1/sessions").find("\r\n\r\n"))).at("sessions");
   EXPECT_EQ(std::ranges::count_if(sessions, [](const auto& s) { return s.contains("height_map"); }), 3);
   EXPECT_TRUE(await([&] { return server.process().output().find("height map high: 3 x 3 samples, 100 m apart") != std::string::npos; }));
+  EXPECT_THAT(get(server, "/v1/heights?session=d&terrain=hole&at=0,0"), HasSubstr("cannot be created: hole.asc: 1 samples are missing"));
   EXPECT_THAT(get(server, "/v1/heights?session=d&terrain=low&param=x=1&at=0,0"), HasSubstr("a height map, which has no parameters"));
   EXPECT_THAT(get(server, "/v1/heights?session=d&terrain=..%2Flow&at=0,0"), HasSubstr("A terrain's name has letters"));
   EXPECT_THAT(get(server, "/v1/heights?session=d&terrain=low.asc&at=0,0"), HasSubstr("A terrain's name has letters"));

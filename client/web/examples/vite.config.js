@@ -4,7 +4,7 @@ import { defineConfig } from 'vite';
 const file = (name) => fileURLToPath(new URL(name, import.meta.url));
 
 // All pages ask the address that they come from, so that none needs --allow-origin.
-const proxy = { '/v1': process.env.RIDGECAST ?? 'http://127.0.0.1:7070' };
+const proxy = { '/v1': { target: process.env.RIDGECAST ?? 'http://127.0.0.1:7070', changeOrigin: false } };
 
 export default defineConfig({
   publicDir: 'node_modules/cesium/Build/Cesium', // CesiumJS loads its workers from here

@@ -3,10 +3,10 @@
 // 1,000 views and 300 seconds, of alpine and of a map.
 
 import assert from 'node:assert/strict';
-import { ChildProcess, execFileSync, spawn } from 'node:child_process';
+import { execFileSync } from 'node:child_process';
 import { existsSync, mkdtempSync, readFileSync, rmSync, writeSync } from 'node:fs';
 import { createServer as createFileServer } from 'node:http';
-import { AddressInfo, createServer } from 'node:net';
+import type { AddressInfo } from 'node:net';
 import { tmpdir } from 'node:os';
 import { join, normalize } from 'node:path';
 import { test } from 'node:test';
@@ -14,10 +14,9 @@ import type { Page } from 'playwright-core';
 import { PATIENCE, closeAll, launch, missing } from './browser';
 import { randomFrom } from './random';
 import { Server, environment, needed, sleep } from './server';
+import { missingExamples, serveExamples } from './vite';
 
-const HERE = join(needed('RIDGECAST_SOURCE'), 'client/web/examples');
-const VITE = join(HERE, 'node_modules/vite/bin/vite.js');
-const why = existsSync(VITE) ? missing() : 'the packages of client/web/examples are not installed; npm ci does that there';
+const why = missingExamples() || missing();
 if (why) {
   writeSync(1, `SKIPPED: ${why}\n`);
   process.exit(0);
@@ -36,26 +35,9 @@ interface View {
   pitch: number;
 }
 
-async function freePort(): Promise<number> {
-  return new Promise((done) => {
-    const socket = createServer().listen(0, '127.0.0.1', () => {
-      const { port } = socket.address() as { port: number };
-      socket.close(() => done(port));
-    });
-  });
-}
-
-async function pages(server: Server): Promise<{ url: string; child: ChildProcess }> {
-  const port = await freePort(), url = `http://127.0.0.1:${port}`;
-  const child = spawn(process.execPath, [VITE, '--host', '127.0.0.1', '--port', String(port), '--strictPort'], { cwd: HERE, stdio: ['ignore', 'ignore', 'inherit'], env: { ...process.env, RIDGECAST: server.http } });
-  for (const end = Date.now() + PATIENCE; Date.now() < end && child.exitCode === null; await sleep(100))
-    if (await fetch(url).then((r) => r.ok, () => false)) return { url, child };
-  throw new Error('vite did not start');
-}
-
 const browser = await launch();
 const server = await Server.start(['--terrain', process.env['TERRAIN'] ?? 'alpine', '--seed', '1']);
-const { url, child } = await pages(server);
+const { url, child } = await serveExamples(server);
 test.afterEach(async () => {
   for (const context of browser.contexts()) await context.close();
 });

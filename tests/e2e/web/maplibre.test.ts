@@ -1,61 +1,23 @@
 // The example page of MapLibre against the real server: no tile fails, and what it shows has the world's heights.
 
 import assert from 'node:assert/strict';
-import { existsSync, mkdtempSync, readFileSync, rmSync, writeFileSync } from 'node:fs';
-import { createServer, request } from 'node:http';
-import { createRequire } from 'node:module';
-import type { AddressInfo } from 'node:net';
+import { mkdtempSync, rmSync, writeFileSync, writeSync } from 'node:fs';
 import { tmpdir } from 'node:os';
 import { join } from 'node:path';
 import { after, test } from 'node:test';
-import { PATIENCE, closeAll, launch } from './browser';
+import { PATIENCE, closeAll, launch, missing } from './browser';
 import { contrast, decodePng } from './picture';
-import { Server, needed, sleep } from './server';
+import { Server, sleep } from './server';
+import { missingExamples, serveExamples } from './vite';
 
-const examples = join(needed('RIDGECAST_WEB'), 'examples'), example = join(examples, 'maplibre');
-const browser = process.env['CHROMIUM'] ?? '/usr/bin/chromium';
-const missing = !existsSync(join(examples, 'node_modules/maplibre-gl')) ? 'npm ci in client/web/examples' : !existsSync(browser) ? `no ${browser}` : false;
-if (missing) console.log(`SKIPPED: ${missing}`);
+const why = missingExamples() || missing();
+if (why) {
+  writeSync(1, `SKIPPED: ${why}\n`);
+  process.exit(0);
+}
 const AT = [11.39, 47.27] as const;
 
 after(closeAll);
-
-/** The page as `npm run dev` serves it: its own files, and /v1 handed on to the server. */
-async function serve(server: Server): Promise<{ url: string; failed: string[]; tiles: number; close: () => void }> {
-  const out = mkdtempSync(join(tmpdir(), 'ridgecast-maplibre-'));
-  const { build } = createRequire(needed('RIDGECAST_WEB') + '/')('esbuild') as { build(options: object): Promise<unknown> };
-  await build({ entryPoints: [join(example, 'main.js')], outdir: out, bundle: true, format: 'esm', logLevel: 'warning' });
-  const state = { url: '', failed: [] as string[], tiles: 0, close: () => {} };
-  const page = createServer((asked, answer) => {
-    const path = (asked.url ?? '/').split('?')[0]!;
-    if (path.startsWith('/v1/')) {
-      const onward = request(`${server.http}${asked.url}`, { method: asked.method, headers: { host: asked.headers.host } }, (made) => {
-        if (made.statusCode === 200) ++state.tiles;
-        else state.failed.push(`${made.statusCode} ${asked.url}`);
-        answer.writeHead(made.statusCode ?? 502, made.headers);
-        made.pipe(answer);
-      });
-      onward.on('error', () => answer.destroy());
-      answer.on('close', () => onward.destroy());
-      onward.end();
-      return;
-    }
-    const file = path === '/' ? join(example, 'index.html') : join(out, path.slice(1));
-    if (!existsSync(file)) return void answer.writeHead(path === '/favicon.ico' ? 204 : 404).end();
-    const type = file.endsWith('.html') ? 'text/html' : file.endsWith('.css') ? 'text/css' : 'text/javascript';
-    let body = readFileSync(file, 'utf8');
-    if (path === '/') body = body.replace('</head>', '<link rel="stylesheet" href="/main.css" /></head>');
-    answer.writeHead(200, { 'Content-Type': type }).end(body);
-  });
-  await new Promise<void>((done) => page.listen(0, '127.0.0.1', done));
-  state.url = `http://127.0.0.1:${(page.address() as AddressInfo).port}/`;
-  state.close = () => {
-    page.closeAllConnections();
-    page.close();
-    rmSync(out, { recursive: true, force: true });
-  };
-  return state;
-}
 
 interface Map {
   loaded(): boolean;
@@ -72,13 +34,18 @@ type Place = [longitude: number, latitude: number];
 /** The page shows the heights that the server has there by `questionOf`, and nothing fails. */
 async function shows(args: string[], query: string, places: Place[], questionOf: (at: Place) => string): Promise<void> {
   const server = await Server.start(args);
-  const site = await serve(server);
+  const site = await serveExamples(server);
   try {
     const page = await (await (await launch()).newContext({ viewport: { width: 480, height: 270 } })).newPage();
     const errors: string[] = [];
+    let tiles = 0;
+    page.on('response', (answer) => {
+      if (/\/v1\/.*\d\.(png|jpg)/.test(answer.url())) ++tiles;
+      if (answer.status() >= 400) errors.push(`${answer.status()} ${answer.url()}`);
+    });
     page.on('pageerror', (error) => errors.push(error.message));
     page.on('console', (message) => message.type() === 'error' && errors.push(message.text()));
-    await page.goto(`${site.url}?${query}&picture`);
+    await page.goto(`${site.url}/maplibre/?${query}&picture`);
     const settled = async (): Promise<void> => {
       for (let k = 0; k < PATIENCE / 250; ++k) {
         await sleep(250);
@@ -98,21 +65,20 @@ async function shows(args: string[], query: string, places: Place[], questionOf:
       const { heights } = (await (await fetch(`${server.http}/v1/heights?${questionOf(place)}`)).json()) as { heights: number[] };
       assert.ok(shown !== null && Math.abs(shown - heights[0]!) < 15, `${shown} m shown, ${heights[0]} m there`); // between samples some 10 m apart
     }
-    assert.deepEqual(site.failed, []);
     assert.deepEqual(errors, []);
-    assert.ok(site.tiles > 20, `${site.tiles} tiles`);
+    assert.ok(tiles > 20, `${tiles} tiles`);
   } finally {
-    site.close();
+    site.child.kill();
     await server.stop();
   }
 }
 
 // Places of the world, by the formula of server/map/mercator.h.
-test('MapLibre shows the hills', { skip: missing, timeout: 10 * PATIENCE }, () =>
+test('MapLibre shows the hills', { timeout: 10 * PATIENCE }, () =>
   shows(['--terrain', 'alpine', '--seed', '1'], `at=${AT}`, ([[0, 0], [0.011, 0.004], [-0.02, 0.013]] as const).map(([dx, dy]) => [AT[0] + dx, AT[1] + dy]), ([longitude, latitude]) =>
     `at=${radius * (longitude - AT[0]) * radians * scale},${-(mercator(latitude) - mercator(AT[1])) * scale}`));
 
-test('MapLibre shows a map where it lies, without being told', { skip: missing, timeout: 10 * PATIENCE }, async () => {
+test('MapLibre shows a map where it lies, without being told', { timeout: 10 * PATIENCE }, async () => {
   const folder = mkdtempSync(join(tmpdir(), 'ridgecast-map-')), map = join(folder, 'hills.asc');
   const samples = Array.from({ length: 400 * 400 }, (_, k) => Math.round(1000 + (k % 400) + 300 * Math.sin((k % 400) / 40) * Math.cos(k / 16000))).join(' ');
   writeFileSync(map, `ncols 400\nnrows 400\nxllcorner 680000\nyllcorner 5240000\ncellsize 20\n${samples}\n`);
