@@ -137,7 +137,9 @@ TEST_F(DegreesTest, BrokenAsciiGridsGiveAMessage) {
            {"ncols 1000000\nnrows 1000000\ncellsize 1\n1", "it claims 1000000 x 1000000 samples"},
            {head + "1 2 3 4 5", "it ends in row 1; it is cut off"},
            {head + "1 2 3 4 x 6", "'x' at column 1, row 1 is not a number"},
-           {head + "1 2 3 4 nan 6", "is not a number"},
+           {head + "1 2 3 4 nan 6", "1 samples are missing (NoData), the first at column 1, row 1"},
+           {head + "1 2 3 4 inf 6", "is not a number"},
+           {"nodata_value nan\n" + head + "nan 2 3 4 5 6", "1 samples are missing (NoData), the first at column 0, row 0"},
            {head + "1 2 3 4 5 6 7", "more samples than ncols x nrows"},
            {head + "1 2 3 4 5 " + std::string(500, '6'), "is not a number"}})
     EXPECT_THAT(complaint(write("map.asc", text)), testing::AllOf(HasSubstr("map.asc: "), HasSubstr(said))) << text;
