@@ -11,6 +11,7 @@
 #include "client/connection/connection.h"
 #include "server/http/edits.h"
 #include "tests/integration/access_fixture.h"
+#include "tests/integration/edits_fixture.h"
 #include "tests/support/waiting.h"
 
 namespace ridgecast {

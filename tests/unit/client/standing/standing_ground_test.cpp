@@ -24,7 +24,6 @@ using lattice::Point;
 using lattice::Step;
 using testing::HasSubstr;
 using testing_support::craterAt;
-using testing_support::m;
 using Tiles = std::map<std::pair<std::int64_t, std::int64_t>, std::shared_ptr<const Tile>>;
 
 constexpr auto kLong = 60s;
