@@ -296,8 +296,8 @@ Outcome<std::vector<Entry>> list(const std::filesystem::path& folder) {
   const auto files = filesIn(folder);
   for (const auto& file : files) {
     Entry entry{file.stem().string(), {}, {}, problemOf(file, files)};
+    if (!isGlsl(file)) entry.summary = "height map, " + file.filename().string();
     if (!entry.problem.empty() || !isGlsl(file)) {
-      entry.summary = "height map, " + file.filename().string();
       out.push_back(std::move(entry));
       continue;
     }

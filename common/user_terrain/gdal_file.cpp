@@ -199,7 +199,7 @@ class Reading {
   Outcome<void> readUnit(std::string unit) {
     if (unit.empty()) unit = projValue("vunits");
     if (unit.empty()) unit = projValue("vto_meter");
-    const auto metres = metresIn(unit) ? metresIn(unit) : text::number<double>(unit);
+    const auto named = metresIn(unit), metres = named ? named : text::number<double>(unit);
     if (!metres && options_.scale == 1)
       return error("its heights are in \"" + unit + "\": say how many metres that is with --raster scale=");
     header_.heightUnit = metres.value_or(1);

@@ -368,7 +368,7 @@ export class Viewer {
   private goThere(next: Place): void {
     const { place } = this;
     const elsewhere = next.session !== place.session || next.terrain !== place.terrain, finer = next.threshold !== place.threshold;
-    Object.assign(place, next);
+    Object.assign(place, next, { isAnywhere: next.isAnywhere && elsewhere });
     this.people.take(next.name);
     this.flying.pose = next.pose;
     if (next.token) this.token = next.token;

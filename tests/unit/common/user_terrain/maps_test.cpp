@@ -338,7 +338,7 @@ TEST_F(Maps, OtherFormatsAreRead) {
   EXPECT_THAT(refusal("rm -rf map; mkdir map", "map"), HasSubstr("there is no height map in this folder"));
 }
 
-// Pitches that are no whole number of steps, in each axis its own.
+// Pitches that are no whole number of steps.
 TEST_F(Maps, PitchesAreThoseOfTheFile) {
   const double foot = 0.03048, surveyFoot = 1.2 / 39.37;
   const auto sized = [](double unit, const std::string& more) {
