@@ -42,9 +42,7 @@ class Worlds : public testing::Test {
       {"--terrain", RIDGECAST_PATHS "/../../../common/terrain/tutorial/dunes.glsl", "--terrain-cache", (folder_ / "cache").string()}};
 
   std::string get(const std::string& target) {
-    SocketClient client(server_.port());
-    client.send("GET " + target + " HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n");
-    const std::string answer = client.answer();
+    const std::string answer = ask(server_.port(), "GET " + target);
     return answer.substr(answer.find("\r\n\r\n") + 4);
   }
   std::vector<double> heights(const std::string& session) {
@@ -183,11 +181,7 @@ class WorldsOfMaps : public testing::Test {
     for (int k = 0; k < 9; ++k) out += std::to_string(height) + (k % 3 == 2 ? "\n" : " ");
     return out;
   }
-  static std::string get(const ServerProcess& server, const std::string& target) {
-    SocketClient client(server.port());
-    client.send("GET " + target + " HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n");
-    return client.answer();
-  }
+  static std::string get(const ServerProcess& server, const std::string& target) { return ask(server.port(), "GET " + target); }
   ScratchFolder folder_;
 };
 
@@ -210,8 +204,8 @@ TEST_F(WorldsOfMaps, LieBesideOneAnother) {
   EXPECT_THAT(get(server, "/v1/heights?session=c&terrain=high&at=20,30"), HasSubstr("[950"));
   EXPECT_THAT(get(server, "/v1/heights?session=a&at=20,30"), HasSubstr("[100"));
   EXPECT_THAT(get(server, "/v1/heights?at=20,30"), testing::Not(HasSubstr("[100")));  // the default session's own ground
-  const auto sessions =
-      nlohmann::json::parse(get(server, "/v1/sessions").substr(get(server, "/v1/sessions").find("\r\n\r\n"))).at("sessions");
+  const std::string listed = get(server, "/v1/sessions");
+  const auto sessions = nlohmann::json::parse(listed.substr(listed.find("\r\n\r\n"))).at("sessions");
   EXPECT_EQ(std::ranges::count_if(sessions, [](const auto& s) { return s.contains("height_map"); }), 3);
   EXPECT_TRUE(await([&] { return server.process().output().find("height map high: 3 x 3 samples, 100 m apart") != std::string::npos; }));
   EXPECT_THAT(get(server, "/v1/heights?session=d&terrain=hole&at=0,0"), HasSubstr("cannot be created: hole.asc: 1 samples are missing"));

@@ -9,7 +9,7 @@
 #include <string>
 #include <vector>
 
-#include "tests/unit/rooms/read.h"
+#include "tests/support/process.h"
 
 namespace ridgecast {
 namespace {
@@ -62,8 +62,8 @@ TEST(Limits, EachRowHasATest) {
   std::string tests;
   for (const auto& entry : fs::recursive_directory_iterator(root / "tests"))
     if (entry.path().filename().string().ends_with("_test.cpp") && entry.path().filename() != "limits_test.cpp")
-      tests += read(entry.path());
-  std::istringstream lines(read(root / "server/README.md"));
+      tests += testing_support::readText(entry.path());
+  std::istringstream lines(testing_support::readText(root / "server/README.md"));
   std::set<std::string> seen;
   bool isThere = false;
   for (std::string line; std::getline(lines, line);) {

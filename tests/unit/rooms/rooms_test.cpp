@@ -7,6 +7,7 @@
 #include <unistd.h>
 
 #include <filesystem>
+#include <fstream>
 #include <functional>
 #include <map>
 #include <regex>
@@ -14,7 +15,7 @@
 #include <string>
 #include <vector>
 
-#include "tests/unit/rooms/read.h"
+#include "tests/support/process.h"
 
 namespace ridgecast {
 namespace {
@@ -43,7 +44,7 @@ std::map<std::string, Room> roomsOf(const fs::path& root, std::vector<std::strin
       if (at->is_directory() && (path.filename() == "node_modules" || path.filename() == "example")) at.disable_recursion_pending();
       if (path.extension() == ".h" || path.extension() == ".cpp") sources.push_back(path);
       if (path.filename() != "CMakeLists.txt") continue;
-      const std::string text = std::regex_replace(read(path), comment, "");
+      const std::string text = std::regex_replace(testing_support::readText(path), comment, "");
       for (std::sregex_iterator call(text.begin(), text.end(), declaration), end; call != end; ++call) {
         const std::string name = (*call)[2], arguments = (*call)[3];
         if ((*call)[1] == "ridgecast_room" && !roomOfFolder.emplace(path.parent_path().string(), name).second)
@@ -61,7 +62,7 @@ std::map<std::string, Room> roomsOf(const fs::path& root, std::vector<std::strin
     return found == roomOfFolder.end() ? std::string() : found->second;
   };
   for (const fs::path& source : sources) {
-    const std::string from = roomOf(source), text = read(source);
+    const std::string from = roomOf(source), text = testing_support::readText(source);
     if (from.empty()) continue;
     if (std::regex_search(text, thread)) rooms[from].startsThreads = true;
     for (std::sregex_iterator line(text.begin(), text.end(), include), end; line != end; ++line)

@@ -3,19 +3,18 @@
 
 #include <gtest/gtest.h>
 
-#include <fstream>
 #include <set>
-#include <sstream>
+#include <string>
+
+#include "tests/support/process.h"
 
 namespace ridgecast::keys {
 namespace {
 
 std::string read(const std::string& file) {
-  std::ifstream in(RIDGECAST_SOURCE "/" + file);
-  std::stringstream text;
-  text << in.rdbuf();
-  EXPECT_FALSE(text.str().empty()) << file;
-  return text.str();
+  std::string text = testing_support::readText(RIDGECAST_SOURCE "/" + file);
+  EXPECT_FALSE(text.empty()) << file;
+  return text;
 }
 
 // What is held down is read by the devices themselves.
