@@ -11,6 +11,7 @@ bool modifies(int key) { return key >= 340 && key <= 347; }
 constexpr int kFramesToField = 2;  // after Tab
 constexpr int kTab = 258;
 constexpr std::size_t kCtrl[] = {341, 345};
+bool isRelease(const Event& e) { return e.kind == Event::Kind::kKey && !e.down; }
 
 }  // namespace
 
@@ -55,11 +56,9 @@ std::vector<Event> EventQueue::next() {
   changedKeys_.reset();
   changedButtons_.reset();
   std::vector<Event> out;
-  if (held_ > 0) {
-    --held_;
-    return out;
-  }
-  while (!waiting_.empty() && !startsFrame(waiting_.front())) {
+  const bool holds = held_ > 0;
+  if (holds) --held_;
+  while (!waiting_.empty() && !startsFrame(waiting_.front()) && !(holds && !isRelease(waiting_.front()))) {
     const Event e = waiting_.front();
     waiting_.pop_front();
     out.push_back(e);

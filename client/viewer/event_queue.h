@@ -31,7 +31,7 @@ class EventQueue {
   bool empty() const { return waiting_.empty(); }
 
   // A field opens to be typed into, by a key whose own character is still to come: drops that character and earlier text. Later events wait
-  // for `frames` frames, until the field is there.
+  // for `frames` frames, until the field is there; but not the releases before them: a key that seems held down repeats.
   void holdFor(int frames);
   bool holding() const { return held_ > 0; }
 

@@ -86,6 +86,20 @@ TEST(EventQueue, FieldsAreFilledAndLeftInOrder) {
   EXPECT_LE(all.frames, 7) << "a word is one frame's";
 }
 
+// Dear ImGui repeats a key that is down for 0.275 s: of three slow frames, one.
+TEST(EventQueue, ATabThatWasReleasedIsDownForOneFrame) {
+  EventQueue queue;
+  tap(queue, kTab);
+  type(queue, "42");
+  const auto first = queue.next(), second = queue.next(), third = queue.next();
+  ASSERT_EQ(first.size(), 1u);
+  EXPECT_TRUE(first[0].down);
+  ASSERT_EQ(second.size(), 1u);
+  EXPECT_FALSE(second[0].down);
+  EXPECT_TRUE(third.empty());
+  EXPECT_EQ(seen(queue).words, "42");
+}
+
 TEST(EventQueue, ModifiersBelongToTheirKeys) {
   EventQueue queue;
   queue.add(key(kShift, true));
