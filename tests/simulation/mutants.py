@@ -172,6 +172,10 @@ MUTANTS = [
     ("server/recording/recorder.cpp", "bool isEnd) {\n  const std::lock_guard lock(mutex);\n", "bool isEnd) {\n", "tsan recording_test"),
     ("server/session/timer.cpp", "    const std::lock_guard lock(state_->mutex);\n    state_->ends = true;\n", "    state_->ends = true;\n",
      "tsan integration_stream"),
+    ("server/box/problem.h", "progress->checked.fetch_add(triangles, std::memory_order_relaxed);",
+     "*reinterpret_cast<std::uint32_t*>(&progress->checked) += triangles;", "tsan snapshot_test"),
+    ("server/refinement/candidates.cpp", "heights_.fetch_add(trials.size(), std::memory_order_relaxed);",
+     "*reinterpret_cast<std::uint64_t*>(&heights_) += trials.size();", "tsan pipeline_test"),
 ]
 
 
