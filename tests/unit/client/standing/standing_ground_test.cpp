@@ -15,6 +15,7 @@
 #include "common/terrain/terrain.h"
 #include "tests/support/crater.h"
 #include "tests/support/random_edits.h"
+#include "tests/support/sanitized.h"
 
 namespace ridgecast::standing {
 namespace {
@@ -274,7 +275,7 @@ TEST(StandingGround, MovesDoNotWaitForHeights) {
 
 TEST(StandingGround, WhoNeverAsksForChangesKeepsNothing) {
   const auto ground = make(of(alpine()), {.radius = 0});
-  for (int step = 0; step < 300; ++step) {
+  for (int step = 0; step < testing_support::rounds(300); ++step) {
     ASSERT_TRUE(ground->move(std::vector<Point>{{step * 1000 * kMetre, 0}}));
     ASSERT_TRUE(ground->wait(kLong));
   }

@@ -8,6 +8,7 @@
 #include <set>
 
 #include "tests/support/leaf_meshes.h"
+#include "tests/support/sanitized.h"
 
 namespace ridgecast::points {
 namespace {
@@ -121,7 +122,7 @@ TEST(Points, AreWrittenAsTheProtocolsExample) {
 
 TEST(Points, NoPrefixAndNothingLongerIsThePayload) {
   Random random(2);
-  for (int k = 0; k < 60; ++k) {
+  for (int k = 0; k < testing_support::rounds(60); ++k) {
     const Said said = anything(random);
     std::vector<std::uint8_t> payload = said.write();
     for (std::size_t n = 0; n < payload.size(); ++n) EXPECT_FALSE(said.isRead({payload.data(), n})) << n << " of " << payload.size();
