@@ -111,6 +111,18 @@ MUTANTS = [
     # Beneath many others.
     ("common/edits/undo.cpp", "    for (; next != made.checkpoints.end() && next->edit < compacted_ + edit; ++next)", "    for (; false; ++next)"),
     ("common/edits/history.cpp", "std::erase_if(checkpoints_, [&](const Checkpoint& c) { return c.edit > right; });", "(void)right;"),
+    ("common/edits/undo.cpp", "more = counts ? 1u : ~0u;", "more = 1u;", "test edits_test"),
+    ("common/edits/undo.cpp", "if (compacted_ + edit > undo.from && undo.again.size()",
+     "if (compacted_ + edit >= undo.from && undo.again.size()", "test edits_test"),
+    ("common/edits/undo.cpp", "  std::ranges::sort(undo.again);\n", "", "test edits_test"),
+    ("common/edits/undo.cpp", "meets(area.wider(marginOf(smooth)), undo.changed)", "meets(area, undo.changed)", "test edits_test"),
+    ("common/edits/undo.cpp", "[&](const auto& c) { return c.edit < undo.edit; }",
+     "[&](const auto& c) { return c.edit <= undo.edit; }", "test edits_test"),
+    ("common/edits/undo.cpp", "[&](const Checkpoint& c) { return c.edit >= undo.edit; });\n  auto next",
+     "[&](const Checkpoint& c) { return c.edit > undo.edit; });\n  auto next", "test edits_test"),
+    ("common/edits/history.cpp", "edit != 0) right = edit - 1;", "edit != 0) right = edit;", "test edits_test"),
+    ("common/edits/history.cpp", "  if (const Posts area = areaOf(last); !area.empty()) indexFor(last).remove(",
+     "  if (const Posts area = areaOf(last); area.empty()) indexFor(last).remove(", "test edits_test"),
     # Areas.
     ("common/edits/operation.h", "lattice::Area{(p.x0 - 2) * kPostSteps,", "lattice::Area{p.x0 * kPostSteps,"),
     ("common/edits/undo.cpp", "      changed.add(area);\n", ""),

@@ -100,6 +100,27 @@ TEST(Undo, IsAReplayWithoutTheEdit) {
   }
 }
 
+// In a row along which each reads what its neighbours change, made in its order or in any: some carry a wall on far beyond what they read.
+TEST(Undo, FollowsSmoothingsFromOneToTheNext) {
+  const auto terrain = terrain::create("alpine", 1).value();
+  for (int seed = 0; seed < testing_support::rounds(40); ++seed) {
+    std::mt19937_64 random(static_cast<std::uint64_t>(seed));
+    const auto uniform = [&](double from, double to) { return std::uniform_real_distribution<double>(from, to)(random); };
+    std::vector<Smooth> row;
+    for (double x = 0; row.size() < 20; x += uniform(2, seed % 2 ? 20 : 5))
+      row.push_back({{m(x), m(uniform(-3, 3))}, m(uniform(4, 8)), static_cast<std::uint32_t>(uniform(8, kMostPasses + 1))});
+    if (seed % 4 >= 2) std::ranges::shuffle(row, random);
+    History history(terrain);
+    for (const double x : {0.0, 30.0, 60.0}) ASSERT_TRUE(history.add({Raise{{m(x), 0}, m(3), 0, static_cast<std::int32_t>(m(100))}, 0}));
+    for (const Smooth& smooth : row) ASSERT_TRUE(history.add({smooth, 0}));
+    for (const std::uint64_t edit : {1u, 3u, 2u}) {
+      ASSERT_TRUE(history.add({edits::Undo{edit}, 0}));
+      expectReplayed(terrain, history);
+      ASSERT_FALSE(testing::Test::HasFailure()) << seed << ", without " << edit;
+    }
+  }
+}
+
 TEST(Undo, OfALateEditMakesFewAgain) {
   const auto terrain = terrain::create("alpine", 1).value();
   History history(terrain);
@@ -231,6 +252,22 @@ TEST(History, WhatWasUndoneAndNotKeptIsInNoCheckpoint) {
   EXPECT_FALSE(history.isUndone(30));
   for (const std::uint64_t edit : {98, 60, 5}) ASSERT_TRUE(history.add({Undo{edit}, 0}));
   expectReplayed(terrain, history);
+}
+
+// Nor in the one that ends with the edit itself.
+TEST(History, WhicheverEditWasUndoneAndNotKept) {
+  const auto terrain = terrain::create("alpine", 1).value();
+  for (std::uint64_t edit = 1; edit < 40; edit += testing_support::kSanitized ? 8 : 1) {
+    std::mt19937_64 random(8);
+    History history(terrain);
+    while (history.last() < 40) ASSERT_TRUE(history.add(randomOperation(random, {0, 0})));
+    const auto before = history.layer();
+    ASSERT_TRUE(history.add({Undo{edit}, 0}));
+    history.takeBack(before);
+    ASSERT_TRUE(history.add({Undo{edit + 1}, 0}));
+    expectReplayed(terrain, history);
+    ASSERT_FALSE(testing::Test::HasFailure()) << edit;
+  }
 }
 
 TEST(History, ThePastIsReadInTurns) {
