@@ -21,7 +21,7 @@ using testing_support::m;
 using testing_support::randomOperation;
 
 // Operations in pages, as a log gives them.
-History::Read pagesOf(std::vector<Operation> operations, std::size_t page, int* reads = nullptr) {
+History::Read pagesOf(const std::vector<Operation>& operations, std::size_t page, int* reads = nullptr) {
   return [=](std::uint64_t after) -> Outcome<History::Past> {
     if (reads) ++*reads;
     History::Past out{after == 0 ? std::make_shared<const Layer>() : nullptr, {}};
@@ -138,7 +138,8 @@ TEST(Undo, OfALateEditMakesFewAgain) {
 TEST(Undo, BeneathTenThousandElsewhereCostsWhatTheEditDoes) {
   History history(terrain::create("alpine", 1).value());
   const std::uint64_t own = lookedBy(history, small(0, 0));
-  for (int k = 0; k < 10'000; ++k) ASSERT_TRUE(history.add(small(20 + k % 100 * 5, k / 100 * 5)));
+  for (int row = 0; row < 100; ++row)
+    for (int column = 0; column < 100; ++column) ASSERT_TRUE(history.add(small(20 + column * 5, row * 5)));
   EXPECT_EQ(lookedBy(history, {Undo{1}, 0}), 0u);
   EXPECT_EQ(lookedBy(history, {Undo{10'002}, 0}), own);
   // What it costs to find that out is counted, too.
