@@ -11,7 +11,8 @@ import threading
 import time
 
 CHUNK = 25  # seeds a process
-LONGEST = 300  # seconds without another seed: it hangs
+LONGEST = 3600  # seconds without another seed: it hangs. One takes 11 s of a processor that 20 others may want
+LAST_WORDS = 20  # lines
 SHORTENED = 3  # of the seeds that fail; each takes minutes
 
 
@@ -37,10 +38,10 @@ class Total:
                 self.said = time.monotonic()
                 print(self.line(), flush=True)
 
-    def fail(self, seed: int) -> None:
+    def fail(self, seed: int, code: int, words: list[str]) -> None:
         with self.lock:
             self.failed.append(seed)
-            print(f"SEED={seed} failed", flush=True)
+            print("".join(words) + f"SEED={seed} failed: " + (f"exit code {code}" if code >= 0 else f"ended by signal {-code}"), flush=True)
 
 
 def run(program: str, first: int, last: int, total: Total) -> None:
@@ -63,7 +64,7 @@ def run(program: str, first: int, last: int, total: Total) -> None:
         if process.returncode == 0:
             seed = last
         else:
-            total.fail(seed)
+            total.fail(seed, process.returncode, lines[-LAST_WORDS:])
         total.add(seed - first + 1, "".join(lines))
         first = seed + 1
 

@@ -155,6 +155,7 @@ void Truth::judge(const std::filesystem::path& folder) {
   ASSERT_GE(log_.size(), known_) << "the log has lost edits that members know of";
   while (history_.last() < log_.size()) {
     ASSERT_TRUE(history_.add(log_[history_.last()].operation)) << "edit " << history_.last() + 1;
+    changed_.push_back(changedPosts(*layers_.back(), *history_.layer()));
     layers_.push_back(history_.layer());
   }
   judgeEdits();
@@ -260,7 +261,7 @@ void Truth::judgeTiles(const Tiles& tiles) const {
 }
 
 void Truth::judgeArea(const wire::MadeEdit& made) const {
-  const edits::Posts posts = changedPosts(*layers_[made.number - 1], *layers_[made.number]);
+  const edits::Posts& posts = changed_[made.number - 1];
   if (posts.empty()) return;
   // A post is one of the four around a place along each axis, so it counts up to two posts away.
   constexpr lattice::Step kPost = 128, kReach = 2 * kPost - 1;

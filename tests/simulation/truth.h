@@ -93,6 +93,7 @@ class Truth {
   std::vector<Entry> log_;
   edits::History history_;
   std::vector<std::shared_ptr<const edits::Layer>> layers_;  // as of each edit; first the empty one
+  std::vector<edits::Posts> changed_;                        // by each edit
 };
 
 }  // namespace ridgecast::simulation
