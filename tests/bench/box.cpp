@@ -18,6 +18,7 @@
 #include "server/box/box_mesh.h"
 #include "server/scheduling/pool.h"
 #include "tests/bench/bench.h"
+#include "tests/bench/whole.h"
 
 namespace ridgecast::bench {
 namespace {
@@ -25,12 +26,6 @@ namespace {
 using namespace triangulation;
 
 constexpr int kStep = 1024;  // between posts, steps
-
-class Whole : public Partition {
- public:
-  RegionId regionAt(Point2) const override { return region; }
-  RegionId region = kOutside;
-};
 
 struct Posts {
   int n;  // intervals along a side

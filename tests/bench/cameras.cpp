@@ -33,7 +33,6 @@ namespace ridgecast::bench {
 namespace {
 
 using Time = std::chrono::steady_clock;
-double since(Time::time_point t) { return std::chrono::duration<double>(Time::now() - t).count(); }
 
 struct Plan {
   int count = 32, leave = 0;
@@ -50,8 +49,8 @@ struct Plan {
 void fly(Line& line, int index, const Plan& plan, const terrain::Terrain& terrain) {
   if (!line.open()) return;
   const double t = plan.rest ? 0 : line.age(), yaw = index * 2.399963;
-  line.pose(testing_support::cameraAt(terrain, 1000.0 * (index % 8) - 50 * t * std::sin(yaw), 1000.0 * (index / 8) - 50 * t * std::cos(yaw),
-                                      120, yaw, -0.15));
+  line.pose(testing_support::cameraAt(terrain, 1000.0 * (index % 8) - 50 * t * std::sin(yaw),
+                                      1000.0 * static_cast<int>(index / 8) - 50 * t * std::cos(yaw), 120, yaw, -0.15));
 }
 
 struct Use {
@@ -96,11 +95,11 @@ Report measure(const Plan& plan, const Options& options) {
   std::vector<Time::time_point> next;
   double measuredFrom = 0, serverCpu = 0, ownCpu = 0;
   bool measuring = false;
-  const auto began = Time::now();
+  const Clock clock;
   // Cameras join one after the other, all within two seconds (a hundred a second at rest).
   const double joining = plan.rest ? plan.count / 100.0 : std::min(2.0, 0.05 * plan.count), warm = joining + plan.warmUp;
   for (;;) {
-    const double now = since(began);
+    const double now = clock.seconds();
     if (!measuring && now >= warm) {
       measuring = true;
       measuredFrom = now;
@@ -134,7 +133,7 @@ Report measure(const Plan& plan, const Options& options) {
       if (opens) fly(line, static_cast<int>(events[k].data.u32), plan, **terrain);
     }
   }
-  const double seconds = since(began) - measuredFrom;
+  const double seconds = clock.seconds() - measuredFrom;
   const Use use = useOf(pid);
   Report report;
   std::vector<double> rates, latencies, thresholds, bytes, coarse;
@@ -169,21 +168,21 @@ Report measure(const Plan& plan, const Options& options) {
   if (plan.rest) report.add("at_rest", settled);
   if (plan.leave > 0) {
     lines.resize(static_cast<std::size_t>(std::max(1, plan.count - plan.leave)));
-    const double left = since(began);
+    const double left = clock.seconds();
     for (std::size_t k = 0; k < lines.size(); ++k) fly(*lines[k], static_cast<int>(k), plan, **terrain);
     const auto isSettled = [](const auto& line) { return line->answered() && line->settled; };
-    while (!std::ranges::all_of(lines, isSettled) && since(began) < left + 60) {
+    while (!std::ranges::all_of(lines, isSettled) && clock.seconds() < left + 60) {
       epoll_event events[64];
       const int n = ::epoll_wait(poll, events, 64, 1);
       for (int k = 0; k < n; ++k)
         if (events[k].data.u32 < lines.size()) lines[events[k].data.u32]->receive();
     }
-    report.add("settled_after_s", since(began) - left, "s");
+    report.add("settled_after_s", clock.seconds() - left, "s");
   }
   ::close(poll);
   report.note(std::to_string(plan.count) + (plan.rest ? " cameras at rest" : " cameras at 50 m/s, ten poses a second each") + ", budget " +
-              std::to_string(plan.budget) + " triangles, " + std::to_string(static_cast<int>(seconds + 0.5)) + " s, after " +
-              std::to_string(static_cast<int>(warm + 0.5)) + " s; " + std::to_string(sysconf(_SC_NPROCESSORS_ONLN)) +
+              std::to_string(plan.budget) + " triangles, " + std::to_string(std::lround(seconds)) + " s, after " +
+              std::to_string(std::lround(warm)) + " s; " + std::to_string(sysconf(_SC_NPROCESSORS_ONLN)) +
               " cores for server and generator");
   return report;
 }

@@ -25,12 +25,13 @@ struct EditSession {
     return {std::move(log), std::move(history)};
   }
 
-  // Prepared ones, in one transaction.
+  // In one transaction.
   void append(std::vector<edits::Operation> operations) {
     const std::shared_ptr<const edits::Layer> before = history.layer();
     std::vector<edit_store::Applied> edits;
     std::vector<edits::Posts> changed;
     for (edits::Operation& o : operations) {
+      o = history.prepare(std::move(o)).value();
       changed.push_back(history.add(o).value());
       edits.push_back({history.last(), "", "somebody", 1'700'000'000'000'000, edits::pack(o), edits::groundOf(changed.back())});
     }

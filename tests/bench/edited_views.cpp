@@ -38,7 +38,7 @@ std::vector<edits::Operation> operations(const terrain::Terrain& terrain) {
   const lattice::Point site{m(kX + 80), m(kZ - 30)};
   out.push_back({edits::Level{{site}, m(25), terrain.heightStep(site), 256}, 7});
   edits::Road road;
-  for (const auto [x, z] : {std::pair{-180.0, 60.0}, {-60.0, 20.0}, {60.0, 30.0}, {110.0, -60.0}, {200.0, -120.0}})
+  for (const auto& [x, z] : {std::pair{-180.0, 60.0}, {-60.0, 20.0}, {60.0, 30.0}, {110.0, -60.0}, {200.0, -120.0}})
     road.line.push_back({m(kX + x), m(kZ + z), 0});
   road.width = m(7);
   out.push_back({road, 6});
@@ -78,7 +78,7 @@ Report errorOfEditedViews(const Options& options) {
   std::shared_ptr<const edits::Layer> layer;
   {
     EditSession session = EditSession::open(state / "default.edits", plain);
-    for (edits::Operation& o : operations(*plain)) session.append({session.history.prepare(std::move(o)).value()});
+    for (edits::Operation& o : operations(*plain)) session.append({std::move(o)});
     layer = session.history.layer();
   }
   const auto edited = std::make_shared<const edits::EditedTerrain>(plain, layer);

@@ -1,5 +1,7 @@
 // A session's log of edits on this disk: commits a second, cold starts from the cached ground and from the edits alone, what heights of
 // edited ground cost, and undos beneath other edits.
+#include <malloc.h>
+
 #include <algorithm>
 #include <memory>
 #include <random>
@@ -17,11 +19,56 @@ namespace {
 
 constexpr lattice::Step kMetre = lattice::kStepsPerMetre;
 
-// 2 m wide, on a square of 1,600 m.
-edits::Operation smallEdit(std::mt19937_64& random) {
-  const auto place = [&] { return static_cast<lattice::Step>(random() % (1600 * static_cast<std::uint64_t>(kMetre))); };
+constexpr std::uint64_t kSquare = 1600;  // metres along each side, from the origin
+
+lattice::Point somewhere(std::mt19937_64& random) {
+  const auto place = [&] { return static_cast<lattice::Step>(random() % (kSquare * kMetre)); };
   const lattice::Step x = place();
-  return {edits::Raise{{x, place()}, kMetre, 0, static_cast<std::int32_t>(random() % 512)}, 0};
+  return {x, place()};
+}
+
+using Make = edits::Operation (*)(std::mt19937_64& random, std::uint64_t number);
+
+// 2 m wide.
+edits::Operation smallEdit(std::mt19937_64& random, std::uint64_t) {
+  const lattice::Point at = somewhere(random);
+  return {edits::Raise{at, kMetre, 0, static_cast<std::int32_t>(random() % 512)}, 0};
+}
+
+// One of the seven kinds, each as often, as people make them by hand: 2 to 10 m wide, level ground of four corners, roads of four points,
+// stamps of 16 x 16 samples.
+edits::Operation anyEdit(std::mt19937_64& random, std::uint64_t number) {
+  const lattice::Point at = somewhere(random);
+  const auto upTo = [&](std::int64_t most) { return static_cast<std::int32_t>(random() % static_cast<std::uint64_t>(most)); };
+  const lattice::Step radius = kMetre + upTo(4 * kMetre);
+  const std::uint32_t material = static_cast<std::uint32_t>(upTo(edits::kMaterials + 1));
+  switch (upTo(7)) {
+    case 0:
+      return {edits::Crater{at, radius, static_cast<std::int32_t>(radius / 3)}, material};
+    case 1: {
+      const lattice::Step side = 2 * radius;
+      return {edits::Level{{at, {at.x + side, at.z}, {at.x + side, at.z + side}, {at.x, at.z + side}}, 0, 400'000 + upTo(9999), 256},
+              material};
+    }
+    case 2:
+      return {edits::Smooth{at, radius, 4}, material};
+    case 3: {
+      edits::Road road;
+      for (int k = 0; k < 4; ++k) road.line.push_back({at.x + 8 * k * kMetre, at.z + upTo(4 * kMetre), 0});
+      road.width = 3 * kMetre;
+      return {road, material};
+    }
+    case 4: {
+      edits::Stamp stamp{at, 16, 16, 1, {}};
+      for (int k = 0; k < 256; ++k) stamp.samples.push_back(upTo(kMetre));
+      return {stamp, material};
+    }
+    case 5:
+      if (number > 500) return {edits::Undo{number - 500}, 0};
+      [[fallthrough]];
+    default:
+      return {edits::Raise{at, radius, 0, upTo(512)}, material};
+  }
 }
 
 double commits(const std::filesystem::path& file, const std::shared_ptr<const terrain::Terrain>& terrain, std::size_t group, int count) {
@@ -30,7 +77,7 @@ double commits(const std::filesystem::path& file, const std::shared_ptr<const te
   const Clock clock;
   for (int k = 0; k < count; ++k) {
     std::vector<edits::Operation> operations;
-    for (std::size_t n = 0; n < group; ++n) operations.push_back(smallEdit(random));
+    for (std::size_t n = 0; n < group; ++n) operations.push_back(smallEdit(random, 0));
     session.append(std::move(operations));
   }
   return count / clock.seconds();
@@ -65,7 +112,7 @@ double slowdown(const terrain::Terrain& plain, const terrain::Terrain& edited, l
     double seconds[2] = {0, 0};
     for (int batch = 0; batch < batches; ++batch) {
       const auto near = [&](std::uint64_t metres) { return static_cast<lattice::Step>(random() % (metres * kMetre)); };
-      const lattice::Point place{corner.x + near(1600 - within), corner.z + near(1600 - within)};
+      const lattice::Point place{corner.x + near(kSquare - within), corner.z + near(kSquare - within)};
       for (std::size_t k = 0; k < kBatch; ++k) x[k] = place.x + near(within), z[k] = place.z + near(within);
       for (const std::size_t which : {batch % 2, 1 - batch % 2}) {
         seconds[which] += secondsOf([&] { (which == 1 ? edited : plain).heights(x, z, out); });
@@ -88,7 +135,8 @@ class Compared final : public terrain::Terrain {
   terrain::Colours colours() const override { return edited_.colours(); }
   void heights(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out) const override {
     std::size_t inside = 0;
-    for (std::size_t k = 0; k < out.size(); ++k) inside += std::min(x[k], z[k]) >= 0 && std::max(x[k], z[k]) < 1600 * kMetre;
+    for (std::size_t k = 0; k < out.size(); ++k)
+      inside += std::min(x[k], z[k]) >= 0 && std::max(x[k], z[k]) < lattice::Step{kSquare} * kMetre;
     other_.resize(out.size());
     turn_ = 1 - turn_;
     double seconds[2];
@@ -163,6 +211,61 @@ void addUndos(Report& report, const std::shared_ptr<const terrain::Terrain>& ter
   addUndo(report, "of_the_last_of_16_wide_levels", wide, 16);
 }
 
+// Resident memory that is not ground. What was freed before does not count.
+class Memory {
+ public:
+  Memory() {
+    malloc_trim(0);
+    before_ = residentBytes();
+  }
+  double besides(const edits::Layer& layer) const { return (residentBytes() - before_ - static_cast<double>(layer.bytes())) / (1 << 20); }
+
+ private:
+  double before_ = 0;
+};
+
+// A session of so many edits: how long making them takes and beginning again, from the cached ground and from the edits alone, what memory
+// it has beside its ground, and the undo of the first edit. Returns it as begun again.
+EditSession addSession(Report& report, const std::string& name, const std::filesystem::path& file,
+                       const std::shared_ptr<const terrain::Terrain>& terrain, Make make, std::size_t count) {
+  constexpr std::size_t kGroup = 4000;
+  {
+    const Memory memory;
+    EditSession session = EditSession::open(file, terrain);
+    std::mt19937_64 random(2);
+    const double before = cpuSeconds();
+    const Clock clock;
+    double said = 0;
+    while (session.history.last() < count) {
+      std::vector<edits::Operation> operations;
+      for (std::uint64_t n = session.history.last() + 1; operations.size() < kGroup; ++n) operations.push_back(make(random, n));
+      session.append(std::move(operations));
+      if (clock.seconds() - said > 10) {
+        said = clock.seconds();
+        progress(name + ": " + std::to_string(session.history.last()) + " of " + std::to_string(count) + " edits made");
+      }
+    }
+    report.add(name + "_edits", static_cast<double>(session.history.last()));
+    report.add(name + "_made_in", cpuSeconds() - before, "s");
+    report.add(name + "_memory_made", memory.besides(*session.history.layer()), "MiB beside the ground");
+  }
+  report.add(name + "_bytes_an_edit_in_the_file", static_cast<double>(std::filesystem::file_size(file)) / static_cast<double>(count), "B");
+  const Memory memory;
+  double start = cpuSeconds();
+  EditSession session = EditSession::open(file, terrain);
+  report.add(name + "_cold_start", cpuSeconds() - start, "s");
+  report.add(name + "_tiles", static_cast<double>(session.history.layer()->tiles()));
+  report.add(name + "_layer", static_cast<double>(session.history.layer()->bytes()) / (1 << 20), "MiB");
+  report.add(name + "_memory_begun_again", memory.besides(*session.history.layer()), "MiB beside the ground");
+  start = cpuSeconds();
+  session.history.replay().value();
+  report.add(name + "_replay", cpuSeconds() - start, "s");
+  report.add(name + "_memory_replayed", memory.besides(*session.history.layer()), "MiB beside the ground");
+  addUndo(report, name + "_beneath_" + std::to_string(count), session.history, 1);
+  report.add(name + "_memory_undone", memory.besides(*session.history.layer()), "MiB beside the ground");
+  return session;
+}
+
 }  // namespace
 
 Report edits(const Options& options) {
@@ -174,25 +277,8 @@ Report edits(const Options& options) {
                commits(folder / ("commits" + std::to_string(group)), terrain, group, options.quick ? 50 : 500), "1/s");
 
   const std::size_t count = options.quick ? 20'000 : 1'000'000;
-  const auto file = folder / "small";
-  {
-    EditSession session = EditSession::open(file, terrain);
-    std::mt19937_64 random(2);
-    const double before = cpuSeconds();
-    while (session.history.last() < count) {
-      std::vector<edits::Operation> operations;
-      for (int n = 0; n < 4000; ++n) operations.push_back(smallEdit(random));
-      session.append(std::move(operations));
-    }
-    report.add("small_edits", static_cast<double>(session.history.last()));
-    report.add("made_in", cpuSeconds() - before, "s");
-  }
-  report.add("bytes_an_edit_in_the_file", static_cast<double>(std::filesystem::file_size(file)) / static_cast<double>(count), "B");
-  double start = cpuSeconds();
-  EditSession session = EditSession::open(file, terrain);
-  report.add("cold_start", cpuSeconds() - start, "s");
-  report.add("tiles", static_cast<double>(session.history.layer()->tiles()));
-  report.add("layer", static_cast<double>(session.history.layer()->bytes()) / (1 << 20), "MiB");
+  addSession(report, "all_kinds", folder / "all_kinds", terrain, anyEdit, count);
+  EditSession session = addSession(report, "small", folder / "small", terrain, smallEdit, count);
   const int batches = options.quick ? 20 : 500;
   for (const std::string name : {"alpine", "archipelago"}) {
     const auto plain = terrain::create(name, 1).value();
@@ -208,11 +294,6 @@ Report edits(const Options& options) {
     report.add("heights_" + name + "_of_a_mesh_elsewhere", outside.edited / outside.plain, "times");
     report.add("heights_" + name + "_of_a_mesh_all", all.edited / all.plain, "times, with those at the border");
   }
-  start = cpuSeconds();
-  session.history.replay().value();
-  report.add("replay", cpuSeconds() - start, "s");
-
-  addUndo(report, "beneath_" + std::to_string(count), session.history, 1);
   addUndos(report, terrain, options.quick ? 1000 : 10'000);
 
   // Ground as large as a session may have.
@@ -222,7 +303,7 @@ Report edits(const Options& options) {
     for (int k = 0; k < (options.quick ? 4 : 192); ++k)
       made.append({{edits::Raise{{k % 12 * 600 * kMetre, k / 12 * 600 * kMetre}, 256 * kMetre, 0, 9999}, 1}});
   }
-  start = cpuSeconds();
+  const double start = cpuSeconds();
   const EditSession largest = EditSession::open(large, terrain);
   report.add("large_cold_start", cpuSeconds() - start, "s");
   report.add("large_tiles", static_cast<double>(largest.history.layer()->tiles()));

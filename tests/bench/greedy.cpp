@@ -12,17 +12,12 @@
 #include "server/refinement/adaptive_mesh.h"
 #include "server/refinement/triangle.h"
 #include "tests/bench/bench.h"
+#include "tests/bench/whole.h"
 
 namespace ridgecast::bench {
 namespace {
 
 using namespace triangulation;
-
-class Whole : public Partition {
- public:
-  RegionId regionAt(Point2) const override { return region; }
-  RegionId region = kOutside;
-};
 
 // Samples at the points of a grid of (n + 1)^2, `step` steps apart.
 struct Field {
@@ -181,7 +176,8 @@ Report greedy(const Options& options) {
     std::sort(wanted.begin(), wanted.end());
     for (const refinement::Pending& p : wanted) {
       if (m.triangles() >= target) break;
-      refinement::Work work{.pending = {p}};
+      refinement::Work work;
+      work.pending = {p};
       mesh.insertWanted(whole.region, view, all, work);
     }
     mesh.evaluateFresh(whole.region, nullptr);

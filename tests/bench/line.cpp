@@ -13,14 +13,6 @@
 
 namespace ridgecast::bench {
 
-namespace {
-
-double since(std::chrono::steady_clock::time_point t) {
-  return std::chrono::duration<double>(std::chrono::steady_clock::now() - t).count();
-}
-
-}  // namespace
-
 Line::Line(std::uint16_t port, std::string name, std::uint32_t triangleBudget, std::uint64_t bytesPerSecond)
     : name_(std::move(name)), triangleBudget_(triangleBudget), bytesPerSecond_(bytesPerSecond) {
   socket_ = ::socket(AF_INET, SOCK_STREAM, 0);
@@ -40,13 +32,13 @@ Line::Line(std::uint16_t port, std::string name, std::uint32_t triangleBudget, s
 
 Line::~Line() { ::close(socket_); }
 
-double Line::age() const { return since(opened_); }
+double Line::age() const { return opened_.seconds(); }
 
 void Line::pose(const camera::Camera& camera) {
   wire::PoseMessage p;
   p.sequence = ++sequence_;
   p.camera = camera;
-  waiting_.push_back({sequence_, Time::now()});
+  waiting_.push_back({sequence_, Clock()});
   frame(2, wire::encode(wire::ClientMessage(p)));
 }
 
@@ -109,7 +101,7 @@ void Line::take(std::span<const std::uint8_t> payload) {
   if (const auto* error = std::get_if<wire::ErrorMessage>(&*message)) throw std::runtime_error(error->message);
   const auto* it = std::get_if<wire::Iteration>(&*message);
   if (!it) return;
-  if (coarseMs == 0) coarseMs = since(opened_) * 1e3;
+  if (coarseMs == 0) coarseMs = opened_.seconds() * 1e3;
   ++iterations;
   bytes += payload.size();
   const settings::Figures& f = it->figures;
@@ -118,7 +110,7 @@ void Line::take(std::span<const std::uint8_t> payload) {
   thresholds.push_back(f.effectiveThreshold);
   settled = it->settled;
   while (!waiting_.empty() && waiting_.front().first <= it->poseSequence) {
-    latencies.push_back(since(waiting_.front().second) * 1e3);
+    latencies.push_back(waiting_.front().second.seconds() * 1e3);
     waiting_.pop_front();
   }
   frame(2, wire::encode(wire::ClientMessage(wire::Acknowledge{it->number, it->meshHash})));

@@ -2,7 +2,6 @@
 // One camera's end of a stream, for benches: it parses what comes and acknowledges with the hash it was told, so that the load is the
 // server's. Tests elsewhere hold the mesh. One thread; errors are thrown, for main() to tell.
 
-#include <chrono>
 #include <cstdint>
 #include <deque>
 #include <span>
@@ -12,6 +11,7 @@
 #include <vector>
 
 #include "common/camera/camera.h"
+#include "tests/bench/bench.h"
 
 namespace ridgecast::bench {
 
@@ -44,16 +44,15 @@ class Line {
   void frame(int opcode, const std::string& payload);
   void write(std::string_view out);
 
-  using Time = std::chrono::steady_clock;
   const std::string name_;
   const std::uint32_t triangleBudget_;
   const std::uint64_t bytesPerSecond_;
-  const Time::time_point opened_ = Time::now();
+  const Clock opened_;
   int socket_ = -1;
   bool open_ = false;
   std::string in_;
   std::uint64_t sequence_ = 0;
-  std::deque<std::pair<std::uint64_t, Time::time_point>> waiting_;
+  std::deque<std::pair<std::uint64_t, Clock>> waiting_;
 };
 
 }  // namespace ridgecast::bench

@@ -159,7 +159,7 @@ std::vector<camera::Camera> randomPoses(const terrain::Terrain& terrain, const W
   double reach = 1e6, middleX = 0, middleZ = 0;
   if (const auto* raster = terrain.raster()) {
     const auto& s = raster->shape();
-    reach = s.pitch * lattice::kMetresPerStep * std::max(s.width, s.height);
+    reach = std::max(s.x.metres() * s.width, s.z.metres() * s.height);
     middleX = static_cast<double>(s.x.origin) * lattice::kMetresPerStep + s.x.metres() * s.width / 2;
     middleZ = static_cast<double>(s.z.origin) * lattice::kMetresPerStep + s.z.metres() * s.height / 2;
   }

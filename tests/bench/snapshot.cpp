@@ -30,7 +30,7 @@
 namespace ridgecast::bench {
 namespace {
 
-struct Plan {
+struct Turns {
   std::vector<int> counts{1, 4};
   int askers = 2, rounds = 6, share = 10;
   double seconds = 3;
@@ -121,48 +121,48 @@ class Flight {
 }  // namespace
 
 Report snapshot(const Options& options) {
-  Plan plan;
+  Turns turns;
   for (std::size_t k = 0; k < options.arguments.size(); ++k) {
     const std::string& name = options.arguments[k];
     if (++k >= options.arguments.size()) throw std::runtime_error(name + " needs a value");
     const double value = std::atof(options.arguments[k].c_str());
     if (name == "--count")
-      plan.counts = {std::clamp(static_cast<int>(value), 1, 32)};
+      turns.counts = {std::clamp(static_cast<int>(value), 1, 32)};
     else if (name == "--askers")
-      plan.askers = std::clamp(static_cast<int>(value), 1, 8);
+      turns.askers = std::clamp(static_cast<int>(value), 1, 8);
     else if (name == "--seconds")
-      plan.seconds = std::max(0.2, value);
+      turns.seconds = std::max(0.2, value);
     else if (name == "--rounds")
-      plan.rounds = std::clamp(static_cast<int>(value), 1, 100);
+      turns.rounds = std::clamp(static_cast<int>(value), 1, 100);
     else if (name == "--share")
-      plan.share = std::clamp(static_cast<int>(value), 1, 100);
+      turns.share = std::clamp(static_cast<int>(value), 1, 100);
     else if (name == "--budget")
-      plan.budget = static_cast<std::uint32_t>(std::max(10'000.0, value));
+      turns.budget = static_cast<std::uint32_t>(std::max(10'000.0, value));
     else
       throw std::runtime_error("snapshot does not know " + name);
   }
-  if (options.quick) plan.seconds = 1, plan.rounds = 3;
+  if (options.quick) turns.seconds = 1, turns.rounds = 3;
   const auto terrain = terrain::create("alpine", 1);
   if (!terrain) throw std::runtime_error(terrain.error().message);
   Report report;
   double worst = 0;
-  for (const int count : plan.counts) {
-    testing_support::ServerProcess server(options.programFolder + "/ridgecast-server", {"--snapshot-share", std::to_string(plan.share)});
-    Flight flight(server.port(), count, plan.budget, **terrain);
+  for (const int count : turns.counts) {
+    testing_support::ServerProcess server(options.programFolder + "/ridgecast-server", {"--snapshot-share", std::to_string(turns.share)});
+    Flight flight(server.port(), count, turns.budget, **terrain);
     flight.fly(options.quick ? 1 : 4);
     std::atomic<int> answered{0};
     std::vector<double> ratios, alone, beside;
-    double before = flight.fly(plan.seconds);
-    for (int round = 0; round < plan.rounds; ++round) {
+    double before = flight.fly(turns.seconds);
+    for (int round = 0; round < turns.rounds; ++round) {
       double busy = 0;
       {
         std::vector<std::unique_ptr<Asker>> askers;
-        for (int k = 0; k < plan.askers; ++k) askers.push_back(std::make_unique<Asker>(server.port(), 2 * round + k, answered));
+        for (int k = 0; k < turns.askers; ++k) askers.push_back(std::make_unique<Asker>(server.port(), 2 * round + k, answered));
         flight.fly(0.2);
-        busy = flight.fly(plan.seconds);
+        busy = flight.fly(turns.seconds);
       }
       flight.fly(0.2);
-      const double after = flight.fly(plan.seconds);  // the ground changes on the way: each turn is held against those around it
+      const double after = flight.fly(turns.seconds);  // the ground changes on the way: each turn is held against those around it
       ratios.push_back((before + after) / 2 / busy);
       alone.push_back(after);
       beside.push_back(busy);
@@ -171,14 +171,14 @@ Report snapshot(const Options& options) {
     const std::string of = "_" + std::to_string(count);
     report.add("iterations_per_second" + of, median(alone));
     report.add("iterations_per_second_asked" + of, median(beside));
-    report.add("snapshots_per_second" + of, answered / (plan.rounds * (plan.seconds + 0.2)));
+    report.add("snapshots_per_second" + of, answered / (turns.rounds * (turns.seconds + 0.2)));
     report.add("slowdown" + of, median(ratios));
     worst = std::max(worst, median(ratios));
   }
   report.add("slowdown", worst);
-  report.note("cameras that fly as fast as they are answered, budget " + std::to_string(plan.budget) + " triangles; " +
-              std::to_string(plan.askers) + " askers, one snapshot after the other; " + std::to_string(plan.rounds) + " turns of " +
-              std::to_string(static_cast<int>(plan.seconds + 0.5)) + " s with and without; " +
+  report.note("cameras that fly as fast as they are answered, budget " + std::to_string(turns.budget) + " triangles; " +
+              std::to_string(turns.askers) + " askers, one snapshot after the other; " + std::to_string(turns.rounds) + " turns of " +
+              std::to_string(std::lround(turns.seconds)) + " s with and without; " +
               std::to_string(sysconf(_SC_NPROCESSORS_ONLN)) + " cores for all of them");
   return report;
 }
