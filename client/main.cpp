@@ -232,7 +232,7 @@ Run pictureCommand(CLI::App& command) {
   addShared(command, *shared, true);
   addOffline(command, *own);
   command.add_option("--out", picture->out, "the file to write")->required()->type_name("FILE.png");
-  addNumber(command, "--x", picture->x, -4e12, 4e12, "place, metres");
+  addNumber(command, "--x", picture->x, -4e12, 4e12, "place, metres; default: 0, or the middle of a map that lies elsewhere");
   addNumber(command, "--z", picture->z, -4e12, 4e12, "place, metres");
   addNumber(command, "--altitude", picture->altitude, 0.1, 100000.0, "metres above the ground there");
   addNumber(command, "--yaw", picture->yaw, -360.0, 360.0, "degrees, positive to the left");

@@ -105,6 +105,7 @@ class Measurer final : flight::Observer {
   // Drivers compile shaders at their first use, which must not count for the first picture.
   Outcome<void> warmUp() {
     if (auto placed = flight_.place(0); !placed) return placed;
+    if (!options_.warm) return {};
     const render::View small = view(16, 16);
     if (auto drawn = renderer_.drawMarch(small); !drawn) return drawn.error();
     if (auto drawn = renderer_.drawMesh(scene_.leaves(), small); !drawn) return drawn.error();
@@ -344,6 +345,16 @@ class Measurer final : flight::Observer {
 int fly(const FlyOptions& options) {
   auto path = camera::readPath(options.path);
   if (!path) return fail(kBadInput, path.error());
+  return fly(options, [&](const wire::World& world) {
+    if (!path->terrain.empty() && (path->terrain != world.terrainName || path->seed != world.seed))
+      std::fprintf(stderr, "warning: the path was made for terrain %s, seed %u; the server has %s, seed %u\n", path->terrain.c_str(),
+                   path->seed, world.terrainName.c_str(), world.seed);
+    std::fprintf(stderr, "flying %s\n", options.path.filename().c_str());
+    return std::move(*path);
+  });
+}
+
+int fly(const FlyOptions& options, const std::function<camera::Path(const wire::World&)>& pathOver) {
   auto recorder = Recorder::create(options.out);
   if (!recorder) return fail(kBadInput, recorder.error());
   auto context = render::HeadlessContext::create();
@@ -357,14 +368,10 @@ int fly(const FlyOptions& options) {
   if (!client) return fail(kRuntimeFailure, client.error());
   const wire::World& world = (*client)->world();
   auto drawer = Drawer::create(world, options.remoteShaders);
-  if (!path->terrain.empty() && (path->terrain != world.terrainName || path->seed != world.seed))
-    std::fprintf(stderr, "warning: the path was made for terrain %s, seed %u; the server has %s, seed %u\n", path->terrain.c_str(),
-                 path->seed, world.terrainName.c_str(), world.seed);
   if (!drawer) return fail(kNoGraphics, drawer.error());
-  std::fprintf(stderr, "flying %s over %s (seed %u, horizon %.0f m), %ux%u, %s\n", options.path.filename().c_str(),
-               world.terrainName.c_str(), world.seed, world.horizon, options.width, options.height, render::contextDescription().c_str());
-
-  Measurer measurer(options, std::move(*path), **client, std::move(*drawer), std::move(*recorder));
+  std::fprintf(stderr, "%s (seed %u, horizon %.0f m), %ux%u, %s\n", world.terrainName.c_str(), world.seed, world.horizon, options.width,
+               options.height, render::contextDescription().c_str());
+  Measurer measurer(options, pathOver(world), **client, std::move(*drawer), std::move(*recorder));
   if (auto measured = measurer.run(); !measured) return fail(kRuntimeFailure, measured.error());
   if (!options.atRest) std::fprintf(stderr, "results in %s\n", (options.out / "summary.json").c_str());
   return kSuccess;

@@ -12,6 +12,7 @@
 #include "client/evaluation/recorder.h"
 #include "client/evaluation/views.h"
 #include "client/flight/flight.h"
+#include "common/camera/path.h"
 #include "common/wire/messages.h"
 
 namespace ridgecast::evaluation {
@@ -30,6 +31,7 @@ struct FlyOptions : flight::Options {
   bool unfiltered = false;            // also compare without filtering
   bool measureFrames = false;         // lock-step: upload and draw every iteration, a quarter of the size
   bool measurePopping = false;        // lock-step: from frame to frame while the mesh refines at the end of the path (popping.h)
+  bool warm = true;                   // shaders are compiled before the flight, whether drawn with or not
   bool pictures = true;               // false: none, the flight is measured for its times
   References* references = nullptr;   // ray marches of other flights over this terrain; null: of this flight's last picture
   std::function<Outcome<void>(const AtRest&)> atRest;  // in place of all pictures: called at the end
@@ -39,5 +41,7 @@ struct FlyOptions : flight::Options {
 // between, so that the same flight gives the same pictures on any machine. At the end the last pose is repeated until the mesh has settled.
 // Every iteration's hash is compared with the mesh held; if they differ, all leaves are requested again.
 int fly(const FlyOptions& options);
+// The same along a path that depends on the world.
+int fly(const FlyOptions& options, const std::function<camera::Path(const wire::World&)>& pathOver);
 
 }  // namespace ridgecast::evaluation

@@ -1,16 +1,17 @@
 #include "client/evaluation/picture.h"
 
+#include <cmath>
 #include <cstdio>
 #include <cstdlib>
 #include <memory>
-#include <nlohmann/json.hpp>
+#include <numbers>
+#include <optional>
 #include <string>
 #include <system_error>
 #include <utility>
 
 #include "client/evaluation/fly.h"
 #include "client/evaluation/own_server.h"
-#include "client/evaluation/text_file.h"
 #include "client/exit/exit.h"
 
 namespace ridgecast::evaluation {
@@ -43,15 +44,22 @@ Outcome<render::Renderer::Drawn> draw(const PictureOptions& options, const AtRes
   return at.renderer.drawMesh(at.scene.leaves(), at.view, options.supersample);
 }
 
+// A path that stays where it is.
+camera::Path poseIn(const wire::World& world, const PictureOptions& options) {
+  constexpr double kDegree = std::numbers::pi / 180;
+  const auto steps = [](const std::optional<double>& metres) { return std::llround(metres.value_or(0) * lattice::kStepsPerMetre); };
+  const lattice::Point asked{steps(options.x), steps(options.z)}, at = options.x || options.z ? asked : world.onMap(asked);
+  camera::Path path;
+  path.verticalFov = options.fov * kDegree;
+  path.keyframes = {{.x = at.x, .z = at.z, .height = options.altitude, .yaw = options.yaw * kDegree, .pitch = options.pitch * kDegree}};
+  return path;
+}
+
 }  // namespace
 
 int picture(const PictureOptions& options) {
   const ScratchFolder scratch;
-  const std::filesystem::path path = scratch.path() / "pose.json";
-  const nlohmann::json pose{
-      {"t", 0}, {"x", options.x}, {"z", options.z}, {"altitude", options.altitude}, {"yaw", options.yaw}, {"pitch", options.pitch}};
-  if (scratch.path().empty() || !writeText(path, nlohmann::json{{"fov", options.fov}, {"keyframes", {pose}}}.dump()))
-    return fail(kRuntimeFailure, {"cannot write to the folder for temporary files; choose another with TMPDIR"});
+  if (scratch.path().empty()) return fail(kRuntimeFailure, {"cannot write to the folder for temporary files; choose another with TMPDIR"});
   FlyOptions flight;
   flight.url = options.url;
   std::unique_ptr<OwnServer> own;
@@ -61,12 +69,12 @@ int picture(const PictureOptions& options) {
     own = std::move(*started);
     flight.url = connection::parseUrl("ws://127.0.0.1:" + std::to_string(own->port())).value();
   }
-  flight.path = path;
   flight.out = scratch.path();
   flight.settings = options.settings;
   flight.width = options.width;
   flight.height = options.height;
   flight.remoteShaders = options.remoteShaders;
+  flight.warm = false;  // one way of drawing is all that is wanted
   flight.atRest = [&](const AtRest& at) -> Outcome<void> {
     auto drawn = draw(options, at);
     if (!drawn) return drawn.error();
@@ -74,7 +82,7 @@ int picture(const PictureOptions& options) {
     std::fprintf(stderr, "%s: %llu triangles\n", options.out.c_str(), static_cast<unsigned long long>(at.scene.triangles()));
     return {};
   };
-  return fly(flight);
+  return fly(flight, [&](const wire::World& world) { return poseIn(world, options); });
 }
 
 }  // namespace ridgecast::evaluation

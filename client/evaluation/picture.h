@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -20,7 +21,8 @@ struct PictureOptions {
   std::vector<std::string> arguments;
   std::filesystem::path out;  // a PNG
   wire::Settings settings;
-  double x = 0, z = 0, altitude = 150;       // metres; the altitude is above the ground there
+  std::optional<double> x, z;                // metres; neither: 0, or the middle of a map that lies elsewhere
+  double altitude = 150;                     // metres above the ground there
   double yaw = 0, pitch = -10, fov = 60;     // degrees; the field of view is vertical
   std::uint32_t width = 1280, height = 720;  // pixels
   std::uint32_t supersample = 2;             // N x N samples a pixel

@@ -121,11 +121,6 @@ Remembered toRemember(const Remembered& before, const ViewerState& state, const 
   return out;
 }
 
-// Where nobody asked for a place: a map may lie far from x 0, z 0 (place=geo).
-lattice::Point onMap(const wire::World& world, lattice::Point at) {
-  return world.heightMap && !world.heightMap->area().holds(at) ? world.heightMap->middle() : at;
-}
-
 Start startOf(const ViewOptions& options, const Remembered& remembered) {
   const bool given = options.x || options.z || options.altitude || options.yaw || options.pitch || options.path;
   const Remembered::Place* const last = remembered.placeAt(sessionAt(options.url));
@@ -160,7 +155,7 @@ int view(const ViewOptions& given) {
   bool isAsked = options.x || options.z || start.at != lattice::Point{};
   for (;; state.leaveWorld()) {
     const wire::World& world = link->client->world();
-    if (std::exchange(session, world.session) != world.session && !std::exchange(isAsked, false)) start.at = onMap(world, start.at);
+    if (std::exchange(session, world.session) != world.session && !std::exchange(isAsked, false)) start.at = world.onMap(start.at);
     Compiling* const compiling = render::compilesForeignText(world, options.remoteShaders) ? &compiled.emplace_back(world) : nullptr;
     auto drawing = compiling ? render::neutralDrawing(world, "the graphics driver compiles " + world.terrainName)
                              : render::drawingOf(world, options.remoteShaders);

@@ -163,6 +163,8 @@ struct World {
   bool shadedVertices = false;                      // colours and normals travel with the vertices
   std::uint64_t edit = 0;                           // the last of the ground
   std::uint64_t compacted = 0;                      // edits up to this one are told to nobody
+  // Where those begin who asked for no place and would begin here: a map may lie elsewhere (place=geo).
+  lattice::Point onMap(lattice::Point at) const { return heightMap && !heightMap->area().holds(at) ? heightMap->middle() : at; }
 };
 
 struct LeafWhole {

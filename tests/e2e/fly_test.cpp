@@ -251,6 +251,22 @@ TEST_F(Fly, APictureOfAPose) {
     EXPECT_EQ(left.path().filename().string().find("ridgecast-picture"), std::string::npos) << left.path();
 }
 
+TEST_F(Fly, APictureBeginsOnAMapThatLiesElsewhere) {
+  const std::string map = *folder_ / "elsewhere.asc", out = *folder_ / "elsewhere.png";
+  std::ofstream(map) << "ncols 3\nnrows 2\nxllcorner 680000\nyllcorner 5240000\ncellsize 100\n10 90 30\n40 0 160\n";
+  const auto take = [&](const std::vector<std::string>& more) {
+    std::vector<std::string> command{RIDGECAST_CLIENT, "picture", "--terrain", map,     "--raster",    "place=geo", "--out", out,
+                                     "--draw",         "mesh",    "--size",    "64x48", "--threshold", "20"};
+    command.insert(command.end(), more.begin(), more.end());
+    const Finished taken = runProgram(command);
+    EXPECT_EQ(taken.code, 0) << taken.output;
+    return render::readPng(out).value().rgb;
+  };
+  const auto middle = take({});
+  EXPECT_EQ(middle, take({"--x", "680150", "--z", "-5240050"}));
+  EXPECT_NE(middle, take({"--x", "0"}));
+}
+
 TEST_F(Fly, WarnsOfAnotherTerrainAndFliesOn) {
   ServerProcess other(RIDGECAST_SERVER, {"--seed", "7"});
   const Finished flown = runProgram({RIDGECAST_CLIENT, "fly", other.url(), "--path", RIDGECAST_PATHS "/alpine.json", "--out",
