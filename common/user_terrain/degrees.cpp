@@ -64,31 +64,22 @@ std::array<double, 4> weights(double t) {
   return {((2 - t) * t - 1) * t / 2, ((3 * t - 5) * t * t + 2) / 2, ((4 - 3 * t) * t + 1) * t / 2, (t - 1) * t * t / 2};
 }
 
-class DegreeSamples {
- public:
-  DegreeSamples(const Samples& samples, const DegreeGrid& grid) : samples_(samples), grid_(grid) {}
-  std::int32_t at(const Place& p) const {
-    const double u = std::clamp((p.longitude - grid_.west) / grid_.stepX, 0.0, samples_.width() - 1.0),
-                 v = std::clamp((grid_.north - p.latitude) / grid_.stepY, 0.0, samples_.height() - 1.0);
-    const auto column = static_cast<std::int64_t>(u), row = static_cast<std::int64_t>(v);
-    const auto wu = weights(u - static_cast<double>(column)), wv = weights(v - static_cast<double>(row));
-    double sum = 0;
-    for (std::int64_t j = 0; j < 4; ++j) {
-      const auto z = static_cast<std::uint32_t>(std::clamp<std::int64_t>(row + j - 1, 0, samples_.height() - 1));
-      double along = 0;
-      for (std::int64_t i = 0; i < 4; ++i)
-        along += wu[static_cast<std::size_t>(i)] *
-                 samples_.at(static_cast<std::uint32_t>(std::clamp<std::int64_t>(column + i - 1, 0, samples_.width() - 1)), z);
-      sum += wv[static_cast<std::size_t>(j)] * along;
-    }
-    const double most = terrain::kMaxSample;
-    return static_cast<std::int32_t>(std::llround(std::clamp(sum, -most, most)));
+// Steps, between samples; beyond them as at their rim.
+double between(const Samples& samples, double u, double v) {
+  u = std::clamp(u, 0.0, samples.width() - 1.0), v = std::clamp(v, 0.0, samples.height() - 1.0);
+  const auto column = static_cast<std::int64_t>(u), row = static_cast<std::int64_t>(v);
+  const auto wu = weights(u - static_cast<double>(column)), wv = weights(v - static_cast<double>(row));
+  double sum = 0;
+  for (std::int64_t j = 0; j < 4; ++j) {
+    const auto z = static_cast<std::uint32_t>(std::clamp<std::int64_t>(row + j - 1, 0, samples.height() - 1));
+    double along = 0;
+    for (std::int64_t i = 0; i < 4; ++i)
+      along += wu[static_cast<std::size_t>(i)] *
+               samples.at(static_cast<std::uint32_t>(std::clamp<std::int64_t>(column + i - 1, 0, samples.width() - 1)), z);
+    sum += wv[static_cast<std::size_t>(j)] * along;
   }
-
- private:
-  const Samples& samples_;
-  const DegreeGrid& grid_;
-};
+  return sum;
+}
 
 Place middleOf(const DegreeGrid& g, std::uint32_t width, std::uint32_t height) {
   return {g.west + (width - 1) * g.stepX / 2, g.north - (height - 1) * g.stepY / 2};
@@ -101,6 +92,39 @@ Local halves(const Plane& plane, const Place& middle, const DegreeGrid& g, std::
   const double high = std::min(plane.onto({east, g.north}).north, plane.onto({middle.longitude, g.north}).north),
                low = std::min(-plane.onto({east, south}).north, -plane.onto({middle.longitude, south}).north);
   return {narrow, std::min(high, low)};
+}
+
+// Samples on the plane: so many on each side of the middle.
+struct Raster {
+  double pitch = 0;  // metres
+  std::uint64_t across = 0, down = 0;
+  std::uint64_t count() const { return (2 * across + 1) * (2 * down + 1); }
+};
+
+Raster rasterOf(const Local& half, double pitch) {
+  const auto toSide = [pitch](double length) { return static_cast<std::uint64_t>(std::max(0.0, std::floor(length / pitch))); };
+  return {pitch, toSide(half.east), toSide(half.north)};
+}
+
+// How samples on the plane follow those of the file: the most that they differ, metres, and how many of these lie beyond them.
+struct Fit {
+  double error = 0;
+  std::uint64_t beyond = 0;
+};
+
+Fit fitOf(const Samples& made, const Raster& raster, const Plane& plane, const Samples& source, const DegreeGrid& grid) {
+  Fit out;
+  for (std::uint32_t j = 0; j < source.height(); ++j)
+    for (std::uint32_t i = 0; i < source.width(); ++i) {
+      const Local at = plane.onto({grid.west + i * grid.stepX, grid.north - j * grid.stepY});
+      const double u = at.east / raster.pitch + static_cast<double>(raster.across),
+                   v = static_cast<double>(raster.down) - at.north / raster.pitch;
+      if (std::min(u, v) < 0 || u > made.width() - 1.0 || v > made.height() - 1.0)
+        ++out.beyond;
+      else
+        out.error = std::max(out.error, std::abs(between(made, u, v) - source.at(i, j)) * lattice::kMetresPerStep);
+    }
+  return out;
 }
 
 }  // namespace
@@ -127,27 +151,38 @@ Outcome<OnPlane> onPlane(const std::string& name, const Samples& source, const D
         std::abs(middle.latitude) + (source.height() - 1) * grid.stepY / 2 < 90))
     return Error{name + ": a map of more than 10 degrees, or one that reaches a pole, is too curved for one plane: cut it (gdalwarp -te)"};
   const Plane plane(middle);
+  const Local half = halves(plane, middle, grid, source.width(), source.height());
   const double finest = std::min(grid.stepX * plane.perLongitude(), grid.stepY * plane.perLatitude()) * lattice::kStepsPerMetre;
-  const double metres = pitch ? *pitch : std::round(finest) * lattice::kMetresPerStep, parts = metres * terrain::kPartsPerMetre;
-  if (!(parts >= terrain::kMinPitch && parts <= terrain::kMaxPitch))
+  const auto pitchAt = [finest](std::uint32_t times) { return std::round(finest / times) * lattice::kMetresPerStep; };
+  const auto isValid = [](double metres) {
+    return metres * terrain::kPartsPerMetre >= terrain::kMinPitch && metres * terrain::kPartsPerMetre <= terrain::kMaxPitch;
+  };
+  std::uint32_t times = kCloser;
+  while (times > 1 && !(isValid(pitchAt(times)) && rasterOf(half, pitchAt(times)).count() <= kMostCloser)) times /= 2;
+  const double metres = pitch.value_or(pitchAt(times));
+  if (!isValid(metres))
     return Error{name + ": its samples are " + text::rounded(metres, 6) +
                  " m apart; that must be 0.0625 to 1024 m: say --raster pitch=METRES"};
-  const Local half = halves(plane, middle, grid, source.width(), source.height());
-  const auto toSide = [metres](double length) { return static_cast<std::uint64_t>(std::max(0.0, std::floor(length / metres))); };
-  const std::uint64_t across = toSide(half.east), down = toSide(half.north), width = 2 * across + 1, height = 2 * down + 1;
+  const Raster raster = rasterOf(half, metres);
+  const std::uint64_t width = 2 * raster.across + 1, height = 2 * raster.down + 1;
   if (width < 3 || height < 3) return Error{name + ": it is too small to be laid on a plane: say a smaller --raster pitch=METRES"};
-  if (width * height * sizeof(std::int32_t) > most)
+  if (raster.count() * sizeof(std::int32_t) > most)
     return Error{name + ": on the plane it has " + std::to_string(width) + " x " + std::to_string(height) +
                  " samples, more than there is room for: say a larger --raster pitch=METRES"};
   auto made = Samples::create(static_cast<std::uint32_t>(width), static_cast<std::uint32_t>(height), inMemory);
   if (!made) return Error{name + ": " + made.error().message};
-  const DegreeSamples from(source, grid);
   for (std::uint32_t j = 0; j < made->height(); ++j) {
-    const double north = (static_cast<double>(down) - j) * metres;
+    const double north = (static_cast<double>(raster.down) - j) * raster.pitch;
     const auto row = made->row(j);
-    for (std::uint32_t i = 0; i < made->width(); ++i) row[i] = from.at(plane.from({(i - static_cast<double>(across)) * metres, north}));
+    for (std::uint32_t i = 0; i < made->width(); ++i) {
+      const Place p = plane.from({(i - static_cast<double>(raster.across)) * raster.pitch, north});
+      constexpr double kMost = terrain::kMaxSample;
+      row[i] = static_cast<std::int32_t>(std::llround(
+          std::clamp(between(source, (p.longitude - grid.west) / grid.stepX, (grid.north - p.latitude) / grid.stepY), -kMost, kMost)));
+    }
   }
-  return OnPlane{std::move(*made), metres,
+  const Fit fit = fitOf(*made, raster, plane, source, grid);
+  return OnPlane{std::move(*made), raster.pitch, fit.error, fit.beyond,
                  "+proj=ortho +lat_0=" + text::rounded(middle.latitude, 12) + " +lon_0=" + text::rounded(middle.longitude, 12) +
                      " +datum=WGS84 +units=m"};
 }

@@ -11,8 +11,9 @@
 // stay as they are, above the ellipsoid or the sea: the curve of the Earth is left out. Lengths away from the middle are short by their
 // share d^2 / (2 R^2): at 100 km by 1 m in 8 km.
 //
-// The samples on the plane are bicubic (Catmull-Rom) between the file's, on the largest rectangle around the middle that the file covers,
-// as far apart as its closer ones unless pitch= says otherwise.
+// The samples on the plane are bicubic (Catmull-Rom) between the file's, on the largest rectangle around the middle that the file covers.
+// Samples as far apart as the file's would smooth it, by metres in mountains; at a quarter of that, by some thirty times less. So unless pitch=
+// says otherwise they are kCloser times as close as the file's closer ones, half of that or as close, as kMostCloser allows.
 
 #include <cstdint>
 #include <optional>
@@ -35,10 +36,15 @@ int utmZone(double longitude, double latitude);
 // The refusal of a map that is to be in metres; names the UTM zone of its middle.
 Error inDegrees(const std::string& name, const DegreeGrid& grid, std::uint32_t width, std::uint32_t height);
 
+inline constexpr std::uint32_t kCloser = 4;
+inline constexpr std::uint64_t kMostCloser = std::uint64_t{1} << 24;  // samples that are closer than the file's
+
 struct OnPlane {
-  Samples samples;  // the middle one lies at the map's middle
-  double pitch;     // metres
-  std::string crs;  // for PROJ
+  Samples samples;       // the middle one lies at the map's middle
+  double pitch;          // metres
+  double error;          // metres: the most that the ground on the plane differs from the file's samples
+  std::uint64_t beyond;  // of the file's samples, that lie outside the rectangle
+  std::string crs;       // for PROJ
 };
 
 // `pitch`: metres between samples; empty: by the file. Error: the map is wider than 10 degrees, reaches a pole, or is too small; no room.

@@ -283,7 +283,9 @@ Outcome<std::shared_ptr<const Map>> read(const std::filesystem::path& path, cons
       onPlane(name, *samples, *header.degrees, options.pitch, limits.inMemory - std::min(taken, limits.inMemory), limits.total - taken);
   if (!made) return made.error();
   RasterHeader ofPlane;
-  ofPlane.read = header.read;
+  ofPlane.read = header.read + (header.read.empty() ? "" : "; ") + "laid on a plane, within " +
+                 text::rounded(std::ceil(100 * made->error) / 100, 7) + " m of its samples" +
+                 (made->beyond == 0 ? "" : "; " + std::to_string(made->beyond) + " of them lie beyond its rectangle and are left out");
   ofPlane.sources = header.sources;
   header = std::move(ofPlane);
   header.width = made->samples.width();

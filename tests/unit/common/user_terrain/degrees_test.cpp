@@ -4,6 +4,7 @@
 
 #include <array>
 #include <cmath>
+#include <cstdio>
 #include <fstream>
 #include <numbers>
 #include <random>
@@ -89,6 +90,39 @@ TEST_F(DegreesTest, PlacesOfTheMapHaveItsHeightsOnThePlane) {
     EXPECT_THAT((*loaded)->raster()->origin().crs, HasSubstr("+proj=ortho +lat_0="));
     EXPECT_EQ((*loaded)->raster()->origin().easting, 0.0);
   }
+}
+
+// How far the ground is off rough samples at most, and what the start line says of it.
+TEST_F(DegreesTest, ThePlaneSaysHowFarItIsOffTheSamples) {
+  std::mt19937 random(5);
+  std::vector<double> heights;
+  const auto file = write("rough.asc", grid(61, 41, 11, 47, [&](double, double) {
+                            heights.push_back(100 + static_cast<double>(random() % 4000) / 10);  // rows from the north
+                            return heights.back();
+                          }));
+  const auto errors = [&](const std::vector<std::string>& options) {
+    const auto loaded = load(file, options).value();
+    const terrain::RasterShape& shape = loaded->raster()->shape();
+    double most = 0;
+    int inside = 0;
+    for (int j = 0; j < 41; ++j)
+      for (int i = 0; i < 61; ++i) {
+        const auto [east, north] = seenFrom(11.24, 47.16, 11 + i * 0.008, 47.32 - j * 0.008);
+        const lattice::Point at{std::llround(east * 256), std::llround(-north * 256)};
+        if (!shape.area().holds(at)) continue;
+        ++inside;
+        most = std::max(most, std::abs(static_cast<double>(loaded->height(at)) - heights[static_cast<std::size_t>(j * 61 + i)]));
+      }
+    EXPECT_GT(inside, 1800) << "of 2,501";
+    EXPECT_THAT(loaded->raster()->origin().read, HasSubstr("; " + std::to_string(2501 - inside) + " of them lie beyond"));
+    double said = -1;
+    EXPECT_EQ(std::sscanf(loaded->raster()->origin().read.c_str(), "laid on a plane, within %lf m of its samples", &said), 1);
+    EXPECT_NEAR(most, said, 0.4);  // a place is half a step off, on slopes of 400 m in 150 m
+    return said;
+  };
+  const double asClose = errors({"project=local", "pitch=604"}), byDefault = errors({"project=local"});
+  EXPECT_GT(asClose, 40);
+  EXPECT_LT(byDefault, asClose / 8);
 }
 
 TEST_F(DegreesTest, AreRefusedWithTheZoneToUse) {
