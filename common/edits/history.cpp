@@ -21,7 +21,7 @@ History::History(std::shared_ptr<const terrain::Terrain> terrain, std::size_t mo
   checkpoints_.reserve(kMostCheckpoints);
 }
 
-Operation History::operation(std::uint64_t edit) const { return unpack(entry(edit).packed).value(); }
+Operation History::operation(std::uint64_t edit) const { return unpack(packed(edit)).value(); }
 
 Outcome<Operation> History::prepare(Operation operation) {
   Outcome<void> fits;
@@ -114,11 +114,11 @@ Turns History::making(Operation operation, std::uint64_t mostUndoPosts, Outcome<
 
 void History::commit(const Operation& operation, Made made) {
   const auto* const undo = std::get_if<Undo>(&operation.what);
-  entries_.push_back({pack(operation)});
+  entries_.add(pack(operation));
   try {
     file(last_ + 1, operation);
   } catch (...) {
-    entries_.pop_back();
+    entries_.removeLast();
     throw;
   }
   ++last_;
@@ -136,7 +136,7 @@ void History::file(std::uint64_t edit, const Operation& operation) {
 void History::takeBack(std::shared_ptr<const Layer> before) {
   const Operation last = operation(last_);
   if (const Posts area = areaOf(last); !area.empty()) indexFor(last).remove(static_cast<std::uint32_t>(last_ - compacted_), area);
-  entries_.pop_back();
+  entries_.removeLast();
   --last_;
   std::uint64_t right = last_;  // the last edit whose ground is in a checkpoint as it is now
   if (const auto* undo = std::get_if<Undo>(&last.what))
@@ -180,11 +180,11 @@ Outcome<void> History::addPast(const std::vector<Operation>& operations) {
     if (const auto* undo = std::get_if<Undo>(&o.what); undo && (undo->edit <= compacted_ || undo->edit >= number))
       return Error{"Edit " + std::to_string(number) + " of the log undoes edit " + std::to_string(undo->edit) +
                    ", which is not there before it."};
-    past_.push_back({pack(o)});
+    past_.add(pack(o));
     try {
       file(number, o);
     } catch (...) {
-      past_.pop_back();
+      past_.removeLast();
       throw;
     }
   }
@@ -194,16 +194,16 @@ Outcome<void> History::addPast(const std::vector<Operation>& operations) {
 void History::joinPast() {
   const std::size_t read = past_.size();
   try {
-    past_.insert(past_.end(), entries_.begin(), entries_.end());
+    for (std::size_t k = 0; k < entries_.size(); ++k) past_.add(entries_.packed(k), entries_.undos(k));
   } catch (...) {
-    past_.resize(read);
+    while (past_.size() > read) past_.removeLast();
     throw;
   }
   entries_ = std::exchange(past_, {});
   read_ = nullptr;
   // The last first: whether it counts is then known.
   for (std::size_t k = entries_.size(); k-- > 0;)
-    if (const std::uint64_t edit = undoneBy(entries_[k].packed); edit != 0 && entries_[k].counts()) ++entries_[indexOf(edit)].undos;
+    if (const std::uint64_t edit = undoneBy(entries_.packed(k)); edit != 0 && entries_.undos(k) == 0) ++entries_.undos(indexOf(edit));
 }
 
 Outcome<void> History::replay() {
@@ -217,7 +217,7 @@ Outcome<void> History::replay() {
   Draft draft(layer_);
   for (std::uint64_t edit = compacted_ + 1; edit <= last_; ++edit) {
     const std::uint64_t looked = looked_;
-    if (entry(edit).counts()) {
+    if (counts(edit)) {
       const Operation operation = this->operation(edit);
       for (Turns turns = draft.apply(*terrain_, operation, nullptr, looked_); turns.next();) {
       }

@@ -2,7 +2,7 @@
 // The edits of one world in their order, and the layer that they make on its terrain. The order is the truth: equal operations in equal
 // order on an equal terrain make an equal layer, whoever computes it, with undone ones left out as if they had never been.
 //
-// Memory beside the layer: edits packed (packed.h) and some 55 bytes each; kMostCheckpointBytes. An undo takes the ground of the latest
+// Memory beside the layer: edits packed (packed.h) and some 25 bytes each; kMostCheckpointBytes. An undo takes the ground of the latest
 // checkpoint before the undone edit and makes those edits after it again that touch what the undo changes, on that ground alone.
 // Checkpoints are layers; the further back, the fewer: at most two for each doubling of the work since. So an undo looks at edits of at
 // most about twice the work that was done since the undone edit, unless wide edits fill kMostCheckpointBytes: then the largest checkpoints
@@ -12,7 +12,6 @@
 // out is an exception, and nothing has changed.
 
 #include <cstdint>
-#include <deque>
 #include <functional>
 #include <limits>
 #include <memory>
@@ -22,6 +21,7 @@
 #include <vector>
 
 #include "common/edits/area_index.h"
+#include "common/edits/entries.h"
 #include "common/edits/layer.h"
 #include "common/edits/operation.h"
 #include "common/edits/turns.h"
@@ -46,10 +46,10 @@ class History {
   // Posts looked at so far, weighed by their effort; an undo makes edits again.
   std::uint64_t looked() const { return looked_; }
   // Of edits that this has added or read.
-  bool isUndone(std::uint64_t edit) const { return !entry(edit).counts(); }
+  bool isUndone(std::uint64_t edit) const { return !counts(edit); }
   Operation operation(std::uint64_t edit) const;
-  std::string_view packed(std::uint64_t edit) const { return entry(edit).packed; }  // until the next edit
-  std::size_t checkpointBytes() const;                                              // of layers that are held for undos, unshared
+  std::string_view packed(std::uint64_t edit) const { return entries_.packed(indexOf(edit)); }  // until the next edit
+  std::size_t checkpointBytes() const;  // of layers that are held for undos, unshared
 
   // The operation as it is kept: checked, and a road that has no heights yet surveyed on the ground there is now. Error: why not. make()
   // does this too.
@@ -93,11 +93,6 @@ class History {
   Outcome<void> replay();
 
  private:
-  struct Entry {
-    std::string packed;
-    std::uint32_t undos = 0;  // that count, of this one
-    bool counts() const { return undos == 0; }
-  };
   struct Checkpoint {
     std::uint64_t edit = 0, work = 0;  // as it was after this edit, and the work until then
     std::shared_ptr<const Layer> layer;
@@ -119,7 +114,7 @@ class History {
     std::uint64_t cost = 0;            // posts, of finding these and of what is to come
   };
   std::size_t indexOf(std::uint64_t edit) const { return edit - 1 - (last_ - entries_.size()); }
-  const Entry& entry(std::uint64_t edit) const { return entries_[indexOf(edit)]; }
+  bool counts(std::uint64_t edit) const { return entries_.undos(indexOf(edit)) == 0; }
   Turns making(Operation operation, std::uint64_t mostUndoPosts, Outcome<Posts>& result);
   Turns preparing(Operation& operation, Outcome<void>& fits);
   Turns reading(Outcome<void>& done);
@@ -130,7 +125,7 @@ class History {
   Turns undoing(std::uint64_t edit, std::uint64_t mostPosts, Made& made, Outcome<void>& fits);
   Turns findGround(std::uint64_t edit, Undoing& undo) const;  // as addUndos(edit, 1), and nothing is changed
   // Whether an edit counts after the undo.
-  bool countsAfter(const Undoing& undo, std::uint64_t edit) const { return entry(edit).counts() != (edit == undo.edit); }
+  bool countsAfter(const Undoing& undo, std::uint64_t edit) const { return counts(edit) != (edit == undo.edit); }
   // Adds the smoothings between two edits whose areas meet the posts. Returns what it cost.
   std::uint64_t addSmooths(const Posts& where, std::uint64_t after, std::uint64_t before, const Undoing& undo,
                            std::set<std::uint32_t>& to) const;
@@ -152,8 +147,8 @@ class History {
   std::uint64_t compacted_ = 0, last_ = 0;
   std::uint64_t looked_ = 0, work_ = 0;  // work: posts, not counting undos, and something for each edit
   Read read_;                            // the past before entries_; empty: entries_ and base_ have all
-  std::deque<Entry> past_;               // the first of it, as far as it was read
-  std::deque<Entry> entries_;            // the newest, up to last_
+  Entries past_;                         // the first of it, as far as it was read
+  Entries entries_;                      // the newest, up to last_
   AreaIndex smooths_, others_;           // of past_ and entries_, counted from compacted_
   std::shared_ptr<const Layer> base_ = std::make_shared<const Layer>(), layer_ = base_;
   std::vector<Checkpoint> checkpoints_;  // ascending; each as if what is undone had never been

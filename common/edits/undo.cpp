@@ -50,30 +50,28 @@ std::uint64_t costToMake(const Operation& o, const TileSet& within) {
 
 std::uint64_t History::addUndos(std::uint64_t edit, int more) {
   for (;;) {
-    Entry& entry = entries_[indexOf(edit)];
-    const bool counted = entry.counts();
-    entry.undos += static_cast<std::uint32_t>(more);
-    if (entry.counts() == counted) return 0;
-    const std::uint64_t undone = undoneBy(entry.packed);
+    const bool counted = counts(edit);
+    entries_.undos(indexOf(edit)) += static_cast<std::uint32_t>(more);
+    if (counts(edit) == counted) return 0;
+    const std::uint64_t undone = undoneBy(packed(edit));
     if (undone == 0) return edit;
+    more = counted ? -1 : 1;
     edit = undone;
-    more = entry.counts() ? 1 : -1;
   }
 }
 
 Turns History::findGround(std::uint64_t edit, Undoing& undo) const {
   for (std::uint32_t more = 1;;) {
-    const Entry& entry = this->entry(edit);
-    const bool counts = entry.undos + more == 0;
-    if (counts == entry.counts()) co_return;
+    const bool isCounted = entries_.undos(indexOf(edit)) + more == 0;
+    if (isCounted == counts(edit)) co_return;
     co_yield kPostsOfRead;
-    const std::uint64_t undone = undoneBy(entry.packed);
+    const std::uint64_t undone = undoneBy(packed(edit));
     if (undone == 0) {
       undo.edit = edit;
       co_return;
     }
     edit = undone;
-    more = counts ? 1u : ~0u;
+    more = isCounted ? 1u : ~0u;
   }
 }
 

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <memory>
 #include <random>
+#include <string>
 #include <vector>
 
 #include "common/edits/edited_terrain.h"
@@ -276,7 +277,7 @@ Report edits(const Options& options) {
     report.add("commits_per_second_of_" + std::to_string(group),
                commits(folder / ("commits" + std::to_string(group)), terrain, group, options.quick ? 50 : 500), "1/s");
 
-  const std::size_t count = options.quick ? 20'000 : 1'000'000;
+  const std::size_t count = !options.arguments.empty() ? std::stoull(options.arguments.front()) : options.quick ? 20'000 : 1'000'000;
   addSession(report, "all_kinds", folder / "all_kinds", terrain, anyEdit, count);
   EditSession session = addSession(report, "small", folder / "small", terrain, smallEdit, count);
   const int batches = options.quick ? 20 : 500;

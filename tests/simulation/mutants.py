@@ -104,14 +104,14 @@ MUTANTS = [
     ("server/session/camera_session.cpp", "  told_ = std::max(hello.editsAfter, session_->edits().compacted());\n", "  told_ = 0;\n"),
     ("server/session/camera_session.cpp", "    self->tells_ = false;\n    self->tellEdits();\n", "    self->tells_ = false;\n"),
     # Undos.
-    ("common/edits/undo.cpp", "    more = entry.counts() ? 1 : -1;\n", "    more = 1;\n"),
-    ("common/edits/history.cpp", "edit != 0 && entries_[k].counts()) ++entries_", "edit != 0) ++entries_"),
+    ("common/edits/undo.cpp", "    more = counted ? -1 : 1;\n", "    more = 1;\n"),
+    ("common/edits/history.cpp", "edit != 0 && entries_.undos(k) == 0) ++entries_", "edit != 0) ++entries_"),
     ("common/edits/undo.cpp", "      if (const Posts fresh = addTo(undo.changed, area);", "      if (const Posts fresh;"),
     ("common/edits/undo.cpp", "addTo(undo.needed, area.wider(marginOf(smooth)));", "addTo(undo.needed, area);"),
     # Beneath many others.
     ("common/edits/undo.cpp", "    for (; next != made.checkpoints.end() && next->edit < compacted_ + edit; ++next)", "    for (; false; ++next)"),
     ("common/edits/history.cpp", "std::erase_if(checkpoints_, [&](const Checkpoint& c) { return c.edit > right; });", "(void)right;"),
-    ("common/edits/undo.cpp", "more = counts ? 1u : ~0u;", "more = 1u;", "test edits_test"),
+    ("common/edits/undo.cpp", "more = isCounted ? 1u : ~0u;", "more = 1u;", "test edits_test"),
     ("common/edits/undo.cpp", "if (compacted_ + edit > undo.from && undo.again.size()",
      "if (compacted_ + edit >= undo.from && undo.again.size()", "test edits_test"),
     ("common/edits/undo.cpp", "  std::ranges::sort(undo.again);\n", "", "test edits_test"),
