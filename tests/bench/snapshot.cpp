@@ -178,8 +178,8 @@ Report snapshot(const Options& options) {
   report.add("slowdown", worst);
   report.note("cameras that fly as fast as they are answered, budget " + std::to_string(turns.budget) + " triangles; " +
               std::to_string(turns.askers) + " askers, one snapshot after the other; " + std::to_string(turns.rounds) + " turns of " +
-              std::to_string(std::lround(turns.seconds)) + " s with and without; " +
-              std::to_string(sysconf(_SC_NPROCESSORS_ONLN)) + " cores for all of them");
+              std::to_string(std::lround(turns.seconds)) + " s with and without; " + std::to_string(sysconf(_SC_NPROCESSORS_ONLN)) +
+              " cores for all of them");
   return report;
 }
 

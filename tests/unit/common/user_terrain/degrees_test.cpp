@@ -111,7 +111,8 @@ TEST_F(DegreesTest, ThePlaneSaysHowFarItIsOffTheSamples) {
         const lattice::Point at{std::llround(east * 256), std::llround(-north * 256)};
         if (!shape.area().holds(at)) continue;
         ++inside;
-        most = std::max(most, std::abs(static_cast<double>(loaded->height(at)) - heights[static_cast<std::size_t>(j * 61 + i)]));
+        most = std::max(most, std::abs(static_cast<double>(loaded->height(at)) -
+                                       heights[static_cast<std::size_t>(j) * 61 + static_cast<std::size_t>(i)]));
       }
     EXPECT_GT(inside, 1800) << "of 2,501";
     EXPECT_THAT(loaded->raster()->origin().read, HasSubstr("; " + std::to_string(2501 - inside) + " of them lie beyond"));
