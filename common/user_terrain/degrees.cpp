@@ -98,7 +98,9 @@ Local halves(const Plane& plane, const Place& middle, const DegreeGrid& g, std::
 struct Raster {
   double pitch = 0;  // metres
   std::uint64_t across = 0, down = 0;
-  std::uint64_t count() const { return (2 * across + 1) * (2 * down + 1); }
+  std::uint64_t width() const { return 2 * across + 1; }
+  std::uint64_t height() const { return 2 * down + 1; }
+  std::uint64_t count() const { return width() * height(); }
 };
 
 Raster rasterOf(const Local& half, double pitch) {
@@ -164,12 +166,12 @@ Outcome<OnPlane> onPlane(const std::string& name, const Samples& source, const D
     return Error{name + ": its samples are " + text::rounded(metres, 6) +
                  " m apart; that must be 0.0625 to 1024 m: say --raster pitch=METRES"};
   const Raster raster = rasterOf(half, metres);
-  const std::uint64_t width = 2 * raster.across + 1, height = 2 * raster.down + 1;
-  if (width < 3 || height < 3) return Error{name + ": it is too small to be laid on a plane: say a smaller --raster pitch=METRES"};
+  if (raster.width() < 3 || raster.height() < 3)
+    return Error{name + ": it is too small to be laid on a plane: say a smaller --raster pitch=METRES"};
   if (raster.count() * sizeof(std::int32_t) > most)
-    return Error{name + ": on the plane it has " + std::to_string(width) + " x " + std::to_string(height) +
+    return Error{name + ": on the plane it has " + std::to_string(raster.width()) + " x " + std::to_string(raster.height()) +
                  " samples, more than there is room for: say a larger --raster pitch=METRES"};
-  auto made = Samples::create(static_cast<std::uint32_t>(width), static_cast<std::uint32_t>(height), inMemory);
+  auto made = Samples::create(static_cast<std::uint32_t>(raster.width()), static_cast<std::uint32_t>(raster.height()), inMemory);
   if (!made) return Error{name + ": " + made.error().message};
   for (std::uint32_t j = 0; j < made->height(); ++j) {
     const double north = (static_cast<double>(raster.down) - j) * raster.pitch;

@@ -245,6 +245,12 @@ Outcome<std::shared_ptr<const Map>> finished(const std::string& name, Samples sa
       std::make_shared<Map>(Map{std::move(samples), shape, options.edge, constant, std::move(origin), std::move(drape), header.sources}));
 }
 
+// To what the start line says of how a map was read.
+void addNote(std::string& read, const std::string& note) {
+  if (!read.empty()) read += "; ";
+  read += note;
+}
+
 // `used`: bytes of the other maps in use.
 Outcome<std::shared_ptr<const Map>> read(const std::filesystem::path& path, const RasterOptions& options, const MapLimits& limits,
                                          std::uint64_t used, const std::stop_token& stop) {
@@ -265,8 +271,8 @@ Outcome<std::shared_ptr<const Map>> read(const std::filesystem::path& path, cons
   const auto missing = readSamples(name, **file, options, stop, *samples);
   if (!missing) return missing.error();
   if (const std::uint64_t mixed = missing->count == 0 ? 0 : dropMixed(*samples))
-    header.read += (header.read.empty() ? "" : "; ") + std::to_string(mixed) +
-                   " samples beside missing ones were interpolated with the NoData value, and count as missing";
+    addNote(header.read,
+            std::to_string(mixed) + " samples beside missing ones were interpolated with the NoData value, and count as missing");
   if (auto replaced = replace(name, *missing, options, *samples); !replaced) return replaced.error();
   const std::uint64_t taken = used + bytes;
   const auto finish = [&](Samples all, const std::string& crs, std::uint64_t before) -> Outcome<std::shared_ptr<const Map>> {
@@ -283,9 +289,10 @@ Outcome<std::shared_ptr<const Map>> read(const std::filesystem::path& path, cons
       onPlane(name, *samples, *header.degrees, options.pitch, limits.inMemory - std::min(taken, limits.inMemory), limits.total - taken);
   if (!made) return made.error();
   RasterHeader ofPlane;
-  ofPlane.read = header.read + (header.read.empty() ? "" : "; ") + "laid on a plane, within " +
-                 text::rounded(std::ceil(100 * made->error) / 100, 7) + " m of its samples" +
-                 (made->beyond == 0 ? "" : "; " + std::to_string(made->beyond) + " of them lie beyond its rectangle and are left out");
+  ofPlane.read = header.read;
+  addNote(ofPlane.read,
+          "laid on a plane, within " + text::rounded(std::ceil(100 * made->error) / 100, 7) + " m of its samples" +
+              (made->beyond == 0 ? "" : "; " + std::to_string(made->beyond) + " of them lie beyond its rectangle and are left out"));
   ofPlane.sources = header.sources;
   header = std::move(ofPlane);
   header.width = made->samples.width();
