@@ -108,6 +108,9 @@ MUTANTS = [
     ("common/edits/history.cpp", "edit != 0 && entries_.undos(k) == 0) ++entries_", "edit != 0) ++entries_"),
     ("common/edits/undo.cpp", "      if (const Posts fresh = addTo(undo.changed, area);", "      if (const Posts fresh;"),
     ("common/edits/undo.cpp", "addTo(undo.needed, area.wider(marginOf(smooth)));", "addTo(undo.needed, area);"),
+    ("common/edits/undo.cpp", "        cost += addSmooths(fresh.wider(kMostPasses), edit, last_ + 1, undo, open);\n", "        ++cost;\n",
+     "test edits_test"),
+    ("common/edits/undo.cpp", "        cost += addSmooths(fresh, undo.from, edit, undo, open);\n", "        ++cost;\n", "test edits_test"),
     # Beneath many others.
     ("common/edits/undo.cpp", "    for (; next != made.checkpoints.end() && next->edit < compacted_ + edit; ++next)", "    for (; false; ++next)"),
     ("common/edits/history.cpp", "std::erase_if(checkpoints_, [&](const Checkpoint& c) { return c.edit > right; });", "(void)right;"),

@@ -121,6 +121,27 @@ TEST(Undo, FollowsSmoothingsFromOneToTheNext) {
   }
 }
 
+// Beyond what the first of them reads: each again and again, until a wall of a kilometre has come through to the far side.
+TEST(Undo, FollowsASmoothingThatOnlyAnotherChanged) {
+  const auto terrain = terrain::create("alpine", 1).value();
+  History history(terrain);
+  ASSERT_TRUE(history.add({Raise{{m(6), 0}, m(1), 0, static_cast<std::int32_t>(m(1000))}, 0}));
+  for (const double x : {15.0, 24.5})  // posts 14 to 46 and 33 to 65; tiles have 16
+    for (int k = 0; k < 30; ++k) ASSERT_TRUE(history.add({Smooth{{m(x), 0}, m(8), kMostPasses}, 0}));
+  ASSERT_TRUE(history.add({edits::Undo{1}, 0}));
+  expectReplayed(terrain, history);
+}
+
+TEST(Undo, MakesAgainWhatASmoothingReadsThroughAnother) {
+  const auto terrain = terrain::create("alpine", 1).value();
+  History history(terrain);
+  for (const double x : {4.0, 17.0}) ASSERT_TRUE(history.add({Raise{{m(x), 0}, m(1), 0, static_cast<std::int32_t>(m(1000))}, 0}));
+  for (int k = 0; k < 30; ++k) ASSERT_TRUE(history.add({Smooth{{m(13), 0}, m(2.5), 3}, 0}));  // posts 21 to 31
+  ASSERT_TRUE(history.add({Smooth{{m(5), 0}, m(2.5), kMostPasses}, 0}));                      // 5 to 15
+  ASSERT_TRUE(history.add({edits::Undo{1}, 0}));
+  expectReplayed(terrain, history);
+}
+
 TEST(Undo, OfALateEditMakesFewAgain) {
   const auto terrain = terrain::create("alpine", 1).value();
   History history(terrain);
