@@ -145,6 +145,7 @@ const std::shared_ptr<const Tile>& Layer::shared(TileAddress a) const {
 }
 
 std::size_t Layer::bytesBeside(const Layer& other) const {
+  const std::size_t bytesOfTile = sizeof(Tile) + (wide_ > 0 ? kTileSide * kTileSide * sizeof(std::int32_t) : 0);
   std::size_t bytes = 0;
   for (const auto& [at, cell] : cells_) {
     const Cell* const theirs = other.cell(at);
@@ -155,7 +156,7 @@ std::size_t Layer::bytesBeside(const Layer& other) const {
       if (mine == its || !mine) continue;
       bytes += sizeof(Block);
       for (std::size_t t = 0; t < mine->size(); ++t)
-        if ((*mine)[t] && !(its && (*its)[t] == (*mine)[t])) bytes += (*mine)[t]->bytes();
+        if ((*mine)[t] && !(its && (*its)[t] == (*mine)[t])) bytes += bytesOfTile;
     }
   }
   return bytes;

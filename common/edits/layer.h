@@ -89,7 +89,7 @@ class Layer {
   const std::shared_ptr<const Tile>& shared(TileAddress address) const;
   std::size_t tiles() const { return tiles_; }
   std::size_t bytes() const { return tileBytes_ + blocks_ * sizeof(Block) + cells_.size() * sizeof(Cell); }
-  // Of these, what another layer does not share.
+  // Of these, what another layer does not share, at most: no tile is looked at, which would take a cache miss each.
   std::size_t bytesBeside(const Layer& other) const;
   bool empty() const { return tiles_ == 0; }
   std::vector<TileAddress> addresses() const;  // ascending
