@@ -22,7 +22,8 @@ namespace {
 using lattice::LeafAddress;
 using lattice::Step;
 
-constexpr Step kLeastPosts = 64;  // along a side of the finest tiles
+constexpr Step kLeastPosts = 64;   // along a side of the finest tiles
+constexpr double kMostDrop = 0.4;  // of their error
 
 // The squares of a level that a box meets.
 struct Squares {
@@ -41,9 +42,12 @@ struct Squares {
 // The levels of a box's tiles.
 struct Levels {
   int finest = 0, coarsest = 0;
-  Levels(const box::Box& box, const terrain::Raster* map) {
+  Levels(const box::Box& box, const terrain::Raster* map, bool isOnGlobe) {
     const Step posts = map ? static_cast<Step>(std::ceil(kLeastPosts * map->shape().finest())) : 0;
-    while (finest < tileset::kCoarsest && (tileset::errorOf(finest) < box.error || LeafAddress{finest, 0, 0}.side() < posts)) ++finest;
+    while (finest < tileset::kCoarsest && tileset::errorOf(finest) < box.error) ++finest;
+    while (finest < tileset::kCoarsest && LeafAddress{finest, 0, 0}.side() < posts &&
+           !(isOnGlobe && tileset::dropOf(finest + 1) > kMostDrop * box.error))
+      ++finest;
     coarsest = finest;
     while (coarsest < tileset::kCoarsest && Squares(box, coarsest).count() > 4) ++coarsest;
   }
@@ -54,12 +58,12 @@ struct Levels {
   }
 };
 
-Problem tooMany(const box::Box& box, const terrain::Raster* map, std::uint64_t tiles) {
+Problem tooMany(const box::Box& box, const terrain::Raster* map, bool isOnGlobe, std::uint64_t tiles) {
   box::Box coarser = box;
   std::uint64_t fewer = tiles;
   while (fewer > kMostTiles) {
     coarser.error *= 2;
-    fewer = Levels(coarser, map).tiles(coarser);
+    fewer = Levels(coarser, map, isOnGlobe).tiles(coarser);
   }
   return {Problem::Kind::kTooMuch, "This box at an error of " + text::rounded(box.error, 6) + " m takes " + std::to_string(tiles) +
                                        " tiles, more than " + std::to_string(kMostTiles) + ", the limit; at an error of " +
@@ -78,12 +82,14 @@ class Making {
         ground_(session.ground()),
         question_(question),
         box_(std::get<OfBox>(question.of)),
-        levels_(box_, ground_.terrain->raster()),
+        placement_(
+            earth::Placement::of(session.resources().limits.sendsTerrain ? ground_.terrain->raster() : nullptr, origin(), question.where)),
+        levels_(box_, ground_.terrain->raster(), placement_.has_value()),
         put_(put) {}
 
   Result<std::uint32_t> run(unsigned threads, const std::stop_token& stop, TilesProgress* progress) {
     const std::uint64_t all = levels_.tiles(box_);
-    if (all > kMostTiles) return tooMany(box_, ground_.terrain->raster(), all);
+    if (all > kMostTiles) return tooMany(box_, ground_.terrain->raster(), placement_.has_value(), all);
     std::vector<LeafAddress> squares;
     for (int level = levels_.coarsest; level >= levels_.finest; --level)
       Squares(box_, level).forEach([&](LeafAddress square) { squares.push_back(square); });
@@ -127,7 +133,7 @@ class Making {
                                      const auto found = known_.find(square);
                                      return found == known_.end() ? std::nullopt : std::optional(found->second);
                                    },
-                                   levels_.finest, "", placement()};
+                                   levels_.finest, "", placement_};
     bool done = true;
     for (int level = levels_.coarsest; level > levels_.finest; level -= tileset::kLevels)
       Squares(box_, level).forEach([&](LeafAddress square) {
@@ -137,10 +143,6 @@ class Making {
   }
 
   lattice::Point origin() const { return {(box_.low.x + box_.high.x) / 2, (box_.low.z + box_.high.z) / 2}; }
-  std::optional<earth::Placement> placement() const {
-    const bool isPrivate = !session_.resources().limits.sendsTerrain;
-    return earth::Placement::of(isPrivate ? nullptr : ground_.terrain->raster(), origin(), question_.where);
-  }
 
   std::string root(const tileset::Pyramid& pyramid) const {
     tileset::Root root;
@@ -177,6 +179,7 @@ class Making {
   const session::Ground ground_;  // of all tiles
   const Question& question_;
   const box::Box box_;
+  const std::optional<earth::Placement> placement_;
   const Levels levels_;
   const Put& put_;
   mutable std::mutex mutex_;

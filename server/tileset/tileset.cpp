@@ -103,8 +103,9 @@ Frame frameAt(const Pyramid& pyramid, lattice::Point origin, lattice::Point plac
 Frame ownOf(const Pyramid& pyramid, LeafAddress square) { return frameAt(pyramid, frameOf(square), middleOf(square)); }
 
 // The tile without content and children, in the parent's frame. Null: the globe does not reach there.
-Json tileOf(const Pyramid& pyramid, const Known& known, const Frame& own, const Frame& parent) {
-  Json out{{"boundingVolume", boxOf(pyramid.placement ? curved(known) : known, own.origin)}, {"geometricError", known.error}};
+Json tileOf(const Pyramid& pyramid, LeafAddress square, const Known& known, const Frame& own, const Frame& parent) {
+  Json out{{"boundingVolume", boxOf(pyramid.placement ? curved(known) : known, own.origin)},
+           {"geometricError", known.error + (pyramid.placement ? dropOf(square.level) : 0)}};
   if (own.origin == parent.origin && own.place == parent.place) return out;
   if (!pyramid.placement) {
     if (own.origin != parent.origin)
@@ -127,7 +128,7 @@ Json tree(const Pyramid& pyramid, LeafAddress square, int last, const Frame* par
   const auto known = pyramid.tile(square);
   if (!known) return nullptr;
   const Frame own = ownOf(pyramid, square);
-  Json out = tileOf(pyramid, *known, own, parent ? *parent : own);
+  Json out = tileOf(pyramid, square, *known, own, parent ? *parent : own);
   if (out.is_null()) return out;
   const bool refers = square.level < last && square.level > pyramid.finest;
   out["content"] = contentOf(square, "../../", refers ? ".json" : ".glb", pyramid.query);
@@ -175,7 +176,7 @@ std::string rootTileset(const Pyramid& pyramid, const Root& root) {
   for (const LeafAddress square : root.squares) {
     const auto known = pyramid.tile(square);
     if (!known) continue;
-    Json child = tileOf(pyramid, *known, ownOf(pyramid, square), own);
+    Json child = tileOf(pyramid, square, *known, ownOf(pyramid, square), own);
     if (child.is_null()) continue;
     children.push_back(std::move(child));
     children.back()["content"] = contentOf(square, "", square.level == pyramid.finest ? ".glb" : ".json", pyramid.query);
