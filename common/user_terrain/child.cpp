@@ -35,7 +35,7 @@ std::vector<char*> pointersTo(std::vector<std::string>& words) {
 }
 
 // Runs in the parent's memory until execve, see start(): only system calls, nothing is allocated or kept.
-[[noreturn]] void become(char* const* argv, char* const* environment, int output, const ChildLimits& limits) {
+[[noreturn]] void become(char* const* argv, char* const* environment, int output, const ChildLimits& limits, int rules) {
   setpgid(0, 0);
   dup2(open("/dev/null", O_RDONLY), 0);
   dup2(output, 1);
@@ -50,19 +50,19 @@ std::vector<char*> pointersTo(std::vector<std::string>& words) {
   sigset_t none;
   sigemptyset(&none);
   sigprocmask(SIG_SETMASK, &none, nullptr);
-  execve(argv[0], argv, environment);
+  if (rules < 0 || ReachRules::enter(rules)) execve(argv[0], argv, environment);
   _exit(127);
 }
 
 // The child's process, -1: errno says why there is none. By vfork, as posix_spawn does, for fork copies the page tables of a server of many
 // GiB, while its threads wait, and then every page that they write. posix_spawn itself cannot set limits, and limits that the parent sets
 // afterwards come too late for what a compiler driver has started. No signal may be handled in the shared memory.
-pid_t start(char* const* argv, char* const* environment, int output, const ChildLimits& limits) {
+pid_t start(char* const* argv, char* const* environment, int output, const ChildLimits& limits, int rules) {
   sigset_t all, before;
   sigfillset(&all);
   pthread_sigmask(SIG_SETMASK, &all, &before);
   const pid_t child = vfork();
-  if (child == 0) become(argv, environment, output, limits);
+  if (child == 0) become(argv, environment, output, limits, rules);
   const int error = errno;
   pthread_sigmask(SIG_SETMASK, &before, nullptr);
   errno = error;
@@ -102,6 +102,12 @@ Outcome<ChildEnd> runChild(const std::filesystem::path& program, const std::vect
   const auto stopped = [&] { return Error{program.string() + " was stopped: nobody waits for it any more"}; };
   if (stop.stop_requested()) return stopped();
   const auto cannot = [&] { return Error{"cannot start " + program.string() + ": " + std::strerror(errno)}; };
+  std::optional<ReachRules> rules;
+  if (limits.reach) {
+    auto made = ReachRules::of(*limits.reach);
+    if (!made) return Error{"cannot start " + program.string() + ": " + made.error().message};
+    rules.emplace(std::move(*made));
+  }
   int ends[2];
   if (pipe2(ends, O_CLOEXEC) != 0) return cannot();
   std::vector<std::string> words{program.string()};
@@ -110,7 +116,7 @@ Outcome<ChildEnd> runChild(const std::filesystem::path& program, const std::vect
   if (const char* path = std::getenv("PATH")) environment.push_back(std::string("PATH=") + path);
   const auto argv = pointersTo(words), envp = pointersTo(environment);
 
-  const pid_t child = start(argv.data(), envp.data(), ends[1], limits);
+  const pid_t child = start(argv.data(), envp.data(), ends[1], limits, rules ? rules->descriptor() : -1);
   if (child < 0) {
     const Error error = cannot();
     close(ends[0]), close(ends[1]);

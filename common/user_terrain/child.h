@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "common/outcome/outcome.h"
+#include "common/user_terrain/reach.h"
 
 namespace ridgecast::user_terrain {
 
@@ -24,6 +25,7 @@ struct ChildLimits {
   std::chrono::seconds time{60};  // of a processor, each process; after kMostWaiting times that, by the clock, all are killed
   std::uint64_t memory = std::uint64_t{3} << 30;     // bytes of address space, each process
   std::uint64_t fileSize = std::uint64_t{64} << 20;  // bytes, each file it writes
+  std::optional<Reach> reach = {};                   // none: all; the kernel must keep it (ReachRules::areKept)
 };
 
 struct ChildEnd {

@@ -45,6 +45,14 @@ Outcome<std::string> Gdal::run(const char* program, std::vector<std::string> arg
   ChildLimits limits;
   limits.time = std::chrono::seconds(600);
   limits.fileSize = mostBytes + (std::uint64_t{16} << 20);
+  if (ReachRules::areKept()) {
+    limits.reach = Reach{reads_, {scratch_->path()}};
+    std::error_code failed;
+    if (const auto own = std::filesystem::weakly_canonical(folder_, failed).parent_path(); own != own.root_path())
+      limits.reach->reads.push_back(own);
+    for (const char* const system : {"/usr", "/lib", "/lib64", "/etc/ld.so.cache", "/dev/null", "/dev/urandom"})
+      limits.reach->reads.emplace_back(system);
+  }
   const auto ended = runChild(folder_ / program, arguments, limits, stop_);
   if (!ended) return ended.error();
   const auto complained = text::readFile(log, 4096);

@@ -1,5 +1,6 @@
 #pragma once
-// GDAL's programs, from Debian's package gdal-bin. They run with limits and may open no address on a network. One thread.
+// GDAL's programs, from Debian's package gdal-bin. They run with limits, may open no address on a network and, where the kernel keeps that
+// (reach.h), read nothing but themselves and what was allowed. One thread.
 
 #include <cstdint>
 #include <filesystem>
@@ -19,6 +20,9 @@ class Gdal {
   // `what` needs them: the beginning of a sentence; `stop` ends what runs. Error: there are none, or no folder for temporary files.
   static Outcome<Gdal> find(const std::string& what, std::stop_token stop);
 
+  // A file or a folder that they may read.
+  void allow(std::filesystem::path what) { reads_.push_back(std::move(what)); }
+
   // Of a folder that lives as long as this, or as what was taken.
   std::filesystem::path file(const char* name) const { return scratch_->path() / name; }
   std::optional<Scratch> takeScratch() { return std::exchange(scratch_, std::nullopt); }
@@ -28,6 +32,7 @@ class Gdal {
 
  private:
   std::filesystem::path folder_;
+  std::vector<std::filesystem::path> reads_;
   std::stop_token stop_;
   std::optional<Scratch> scratch_;
 };

@@ -1,6 +1,6 @@
 // Height maps and pictures that GDAL's programs read for us, from Debian's package gdal-bin: what their own readers here do not read
 // completely, and all other formats. gdalinfo says what is in the file, gdal_translate writes its samples and what it masks as plain TIFFs.
-// The files they read lie in the map's folder.
+// The files they read lie in the map's folder: what GDAL lists is judged, and the kernel keeps it from all else (reach.h).
 
 #include <algorithm>
 #include <array>
@@ -14,6 +14,7 @@
 #include "common/text/text.h"
 #include "common/user_terrain/gdal.h"
 #include "common/user_terrain/raster_file.h"
+#include "common/user_terrain/reach.h"
 
 namespace ridgecast::user_terrain {
 namespace {
@@ -27,7 +28,6 @@ using Json = nlohmann::json;
 using std::filesystem::path;
 
 constexpr std::size_t kMostFilesOfFolder = 4096;
-constexpr std::size_t kMostVirtual = std::size_t{16} << 20;
 constexpr std::uint64_t kMostTranslated = std::uint64_t{1} << 30;  // samples
 
 struct Unit {
@@ -104,6 +104,9 @@ class Reading {
   Outcome<void> mosaic() {
     source_ = std::filesystem::absolute(file_);  // no name is an option, or a driver's
     std::error_code failed;
+    home_ = std::filesystem::weakly_canonical(std::filesystem::is_directory(file_, failed) ? file_ : source_.parent_path(), failed);
+    tools_.allow(home_);
+    tools_.allow(source_);  // a link leads elsewhere
     if (!std::filesystem::is_directory(file_, failed)) return {};
     std::vector<std::string> files;
     for (const auto& entry : std::filesystem::directory_iterator(file_, failed))
@@ -125,34 +128,16 @@ class Reading {
   // Nothing is read that the map's folder does not have.
   Outcome<void> judgeFiles() {
     std::error_code failed;
-    const path home =
-        std::filesystem::weakly_canonical(std::filesystem::is_directory(file_, failed) ? file_ : file_.parent_path() / ".", failed);
     for (const Json& entry : info_.value("files", Json::array())) {
       const std::string other = entry.get<std::string>();
       if (other == source_.string()) continue;
       const path at = std::filesystem::weakly_canonical(other, failed);
-      const auto [end, ignored] = std::mismatch(home.begin(), home.end(), at.begin(), at.end());
-      const bool isInside = end == home.end() || (std::next(end) == home.end() && end->empty());
+      const auto [end, ignored] = std::mismatch(home_.begin(), home_.end(), at.begin(), at.end());
+      const bool isInside = end == home_.end() || (std::next(end) == home_.end() && end->empty());
       if (failed || other.starts_with("/vsi") || !isInside)
         return error("it reads " + other + ", which is not in its folder: put what it needs there");
-      if (auto fine = judgeVirtual(at); !fine) return fine;
       sources_.push_back(at);
     }
-    return std::filesystem::is_directory(file_, failed) ? Outcome<void>() : judgeVirtual(file_);
-  }
-
-  // A virtual map also names what is no file, such as NETCDF:"x.nc":height, and such is not listed.
-  Outcome<void> judgeVirtual(const path& file) const {
-    const auto text = text::readFile(file, kMostVirtual);
-    if (!text || text->find("<VRTDataset") > 1000) return {};
-    if (text->size() > kMostVirtual) return error(file.filename().string() + " is longer than 16 MiB, too long for a virtual map");
-    for (const std::string_view tag : {"<SourceFilename", "<SourceDataset", "<SrcDSName"})
-      for (std::size_t at = text->find(tag); at != std::string::npos; at = text->find(tag, at + 1)) {
-        const std::size_t begin = text->find('>', at) + 1;
-        const std::string name = text->substr(begin, std::min(text->find('<', begin) - begin, std::size_t{200}));
-        if (name.find(':') != std::string::npos || name.starts_with("/vsi"))
-          return error("it reads " + name + ", which is not in its folder: put what it needs there");
-      }
     return {};
   }
 
@@ -291,6 +276,7 @@ class Reading {
       known = std::move(*opened);
     }
     const double opaque = alpha_.empty() ? 255 : header_.white;
+    if (!ReachRules::areKept()) say("unconfined, for this kernel has no Landlock");
     header_.sources = sources_;
     header_.read = "read by GDAL as " + info_.value("driverShortName", std::string("?")) + (said_.empty() ? "" : ": " + said_);
     return std::unique_ptr<RasterFile>(
@@ -305,6 +291,7 @@ class Reading {
   const bool isPicture_;
   Gdal tools_;
   path source_;  // the file, or a mosaic of a folder
+  path home_;    // the folder that all of it lies in
   std::vector<path> sources_;
   Json info_;
   std::string proj_;

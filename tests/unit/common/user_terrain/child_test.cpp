@@ -8,6 +8,11 @@
 #include <chrono>
 #include <csignal>
 #include <cstdint>
+#include <filesystem>
+#include <fstream>
+#include <string>
+
+#include "tests/support/process.h"
 
 namespace ridgecast::user_terrain {
 namespace {
@@ -53,6 +58,30 @@ TEST(Child, EndsByItsWorkAndNotByTheClock) {
   const auto asleep = runChild("/bin/sh", {"-c", "sleep 60"}, {.time = std::chrono::seconds(1)});
   ASSERT_TRUE(asleep) << asleep.error().message;
   EXPECT_TRUE(asleep->timedOut);
+}
+
+TEST(Child, ReachesWhatItMayAndNothingElse) {
+  if (!ReachRules::areKept()) GTEST_SKIP() << "this kernel has no Landlock";
+  testing_support::ScratchFolder mine, other;
+  for (const auto& folder : {mine / "", other / ""}) std::ofstream(folder / "file") << "here\n";
+  std::filesystem::create_symlink(other / "file", mine / "link");
+  ChildLimits limits;
+  limits.reach = Reach{{"/usr", "/bin", "/lib", "/lib64", "/etc/ld.so.cache", "/dev/null", mine / "", "/not/there"}, {}};
+  const auto run = [&](const std::string& script) {
+    const auto end = runChild("/bin/sh", {"-c", "cd '" + (mine / "").string() + "'; " + script}, limits);
+    EXPECT_TRUE(end) << end.error().message;
+    return end ? std::to_string(end->status) + " " + end->output : "";
+  };
+  EXPECT_EQ(run("cat file"), "0 here\n");
+  EXPECT_THAT(run("cat link"), testing::HasSubstr("Permission denied"));
+  EXPECT_THAT(run("cat '" + (other / "file").string() + "'"), testing::HasSubstr("Permission denied"));
+  EXPECT_THAT(run("ls '" + (other / "").string() + "'"), testing::HasSubstr("Permission denied"));
+  EXPECT_THAT(run("cat /etc/passwd"), testing::HasSubstr("Permission denied"));
+  EXPECT_THAT(run("echo more > file"), testing::HasSubstr("Permission denied"));
+  EXPECT_THAT(run("rm file"), testing::HasSubstr("Permission denied"));
+  limits.reach->writes.push_back(mine / "");
+  EXPECT_EQ(run("echo more > file; cat file; rm file"), "0 more\n");
+  EXPECT_THAT(run("echo more > '" + (other / "file").string() + "'"), testing::HasSubstr("Permission denied"));
 }
 
 TEST(Child, WithoutAProgramIsAnError) {

@@ -13,6 +13,7 @@
 
 #include "common/user_terrain/catalogue.h"
 #include "common/user_terrain/raster_terrain.h"
+#include "common/user_terrain/reach.h"
 #include "tests/support/process.h"
 
 namespace ridgecast::user_terrain {
@@ -456,7 +457,7 @@ TEST_F(Maps, HostileFilesReachNothingElse) {
   shell("rm /tmp/ridgecast-outside.tif");
   EXPECT_THAT(refusal(vrt("../../../etc/passwd"), "map.vrt"),
               testing::AnyOf(HasSubstr("not in its folder"), HasSubstr("GDAL cannot read it")));
-  EXPECT_THAT(refusal(vrt("NETCDF:&quot;/tmp/x.nc&quot;:height"), "map.vrt"), HasSubstr("which is not in its folder"));
+  EXPECT_THAT(refusal(vrt("NETCDF:&quot;/tmp/x.nc&quot;:height"), "map.vrt"), HasSubstr("GDAL cannot read it"));
   EXPECT_THAT(refusal(vrt("map.vrt"), "map.vrt"), HasSubstr("GDAL cannot read it"));
   EXPECT_THAT(refusal(vrt("plain.tif", 2'000'000'000), "map.vrt"),
               testing::AnyOf(HasSubstr("there are at most 2^32"), HasSubstr("too long to read")));
@@ -465,6 +466,40 @@ TEST_F(Maps, HostileFilesReachNothingElse) {
       refusal("printf '<GDAL_WMS><Service name=\"TMS\"><ServerUrl>http://127.0.0.1:9/${z}</ServerUrl></Service></GDAL_WMS>' > map.xml",
               "map.xml"),
       HasSubstr("GDAL cannot read it"));
+}
+
+// GDAL finds the name of a source wherever XML can hide it, and lists those that are plain files alone; the kernel hides what it may not read.
+TEST_F(Maps, SourcesThatGdalDoesNotListAreOutOfReach) {
+  if (!ReachRules::areKept()) GTEST_SKIP() << "this kernel has no Landlock";
+  testing_support::ScratchFolder other;
+  const std::string secret = (other / "secret.tif").string(), named = "GTIFF_DIR:1:" + secret;
+  shell("cp plain.tif '" + secret + "'");
+  const auto write = [&](const char* name, const std::string& source) {
+    std::ofstream(folder_ / name) << "<VRTDataset rasterXSize=\"40\" rasterYSize=\"30\"><VRTRasterBand dataType=\"Float32\" band=\"1\">"
+                                  << "<SimpleSource" << source << "<SourceBand>1</SourceBand></SimpleSource></VRTRasterBand></VRTDataset>";
+  };
+  write("inner.vrt", "><SourceFilename>" + secret + "</SourceFilename>");
+  for (const std::string& source :
+       {std::string("><SourceFilename relativeToVRT=\"1\">inner.vrt</SourceFilename>"), "><SourceFilename>" + named + "</SourceFilename>",
+        " SourceFilename=\"" + named + "\">", ">< SourceFilename>" + named + "</SourceFilename>",
+        "><SourceFilename>GTIFF_DIR&#58;1&#58;" + secret + "</SourceFilename>",
+        "><SourceFilename><![CDATA[" + named + "]]></SourceFilename>"}) {
+    write("map.vrt", source);
+    EXPECT_THAT(refusal("true", "map.vrt", {"pitch=10"}), HasSubstr("GDAL cannot read it")) << source;
+    // The same, of what is there.
+    std::string mine = source;
+    if (const std::size_t at = mine.find(secret); at != std::string::npos)
+      mine.replace(at, secret.size(), (folder_ / "plain.tif").string());
+    if (mine == source) write("inner.vrt", "><SourceFilename>" + (folder_ / "plain.tif").string() + "</SourceFilename>");
+    write("map.vrt", mine);
+    EXPECT_TRUE(load("map.vrt", {"pitch=10"})) << mine;
+  }
+}
+
+TEST_F(Maps, AreReadWhateverLiesBesideThem) {
+  shell("for what in aux.xml msk ovr; do truncate -s 3G plain.tif.$what; done; truncate -s 3G plain.tfw");
+  const auto loaded = load("plain.tif", {"place=geo"});
+  EXPECT_TRUE(loaded) << loaded.error().message;
 }
 
 TEST(MapsWithoutGdal, AreRefusedWithThePackage) {
