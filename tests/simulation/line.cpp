@@ -84,7 +84,7 @@ void Line::leaves(const wire::ServerMessage& message) {
 }
 
 void Line::judge(const wire::Iteration& iteration) {
-  EXPECT_LE(queued_, maxQueuedBytes_) << "an iteration was made for a client that takes none";
+  EXPECT_LE(queued_ - granted_, maxQueuedBytes_) << "an iteration was made for a client that takes none";
   const std::uint64_t before = std::exchange(edit_, iteration.edit);
   if (isLockstep_ || iteration.edit > before) return;  // new ground comes first
   EXPECT_EQ(iteration.poseSequence, newestPose_) << "an iteration was made for another pose than the newest";
@@ -116,6 +116,7 @@ void Line::send(wire::ServerMessage message, std::shared_ptr<const void> ticket)
   EXPECT_LE(queuedMembers_, 1u) << "news of members wait for a client behind others";
   auto bytes = std::make_shared<const std::string>(wire::encode(message));
   queued_ += bytes->size();
+  granted_ = std::holds_alternative<wire::Granted>(message) ? bytes->size() : 0;
   if (cut_) return stuck_.push_back(std::move(ticket));
   left_ = std::max(left_, timer_.now()) +
           std::chrono::duration_cast<Duration>(std::chrono::duration<double>(bytes->size() / way_.bytesPerSecond));

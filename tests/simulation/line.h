@@ -79,6 +79,7 @@ class Line final : public session::Sender, public std::enable_shared_from_this<L
   Time said_{};  // when the last of the member's messages arrives
   Time left_{};  // when the last of the server's messages leaves
   std::size_t queued_ = 0, queuedMembers_ = 0, queuedPages_ = 0;
+  std::size_t granted_ = 0;  // bytes of what was sent last, if it says what is granted: the iteration that follows was begun before
   std::vector<std::shared_ptr<const void>> stuck_;  // tickets of what will never leave
   bool cut_ = false;
   std::optional<Time> fell_;
