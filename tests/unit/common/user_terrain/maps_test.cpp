@@ -468,7 +468,7 @@ TEST_F(Maps, HostileFilesReachNothingElse) {
       HasSubstr("GDAL cannot read it"));
 }
 
-// GDAL finds the name of a source wherever XML can hide it, and lists those that are plain files alone; the kernel hides what it may not read.
+// GDAL finds the name of a source wherever XML can hide it, and lists those that are plain files alone; the kernel refuses it the others.
 TEST_F(Maps, SourcesThatGdalDoesNotListAreOutOfReach) {
   if (!ReachRules::areKept()) GTEST_SKIP() << "this kernel has no Landlock";
   testing_support::ScratchFolder other;

@@ -261,7 +261,7 @@ double heightAboveWgs84(double x, double y, double z) {
   return p * std::cos(phi) + z * std::sin(phi) - a * std::sqrt(1 - e2 * std::sin(phi) * std::sin(phi));
 }
 
-// Where a map's samples are far apart, 64 of them are wider than the Earth is flat: a map of 2.4 km a sample was 168 m off at an error of 20.
+// Where a map's samples are far apart, 64 of them are wider than the Earth is flat: one of 2.4 km a sample was 168 m off at an error of 20.
 TEST_F(TilesTest, OnTheGlobeAreWithinTheirErrorOfTheEarth) {
   ASSERT_TRUE(make(std::make_shared<Hills>(51'200), "box=all&error=5&at=10,47,0"));
   std::map<int, double> worst;
