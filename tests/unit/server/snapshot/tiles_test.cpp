@@ -106,14 +106,18 @@ class TilesTest : public testing::Test {
     EXPECT_TRUE(seen_.insert(name).second) << name << " is named twice";
     return name.ends_with(".json") ? Json::parse(files_.at(name)) : Json();
   }
+  // Of its content, from the root's folder.
+  static std::string uriOf(const Json& tile, std::string folder) {
+    std::string uri = tile["content"]["uri"];
+    for (; uri.starts_with("../"); uri.erase(0, 3)) folder.erase(folder.rfind('/', folder.size() - 2) + 1);
+    return folder + uri;
+  }
   void walk(const Json& tile, const std::string& folder, double above, const Bounds& around, double east, double north) {
     if (const auto t = tile.find("transform"); t != tile.end()) {
       east += (*t)[12].get<double>();
       north += (*t)[13].get<double>();
     }
-    std::string uri = tile["content"]["uri"], in = folder;
-    for (; uri.starts_with("../"); uri.erase(0, 3)) in.erase(in.rfind('/', in.size() - 2) + 1);
-    uri = in + uri;
+    const std::string uri = uriOf(tile, folder);
     const Json set = open(uri);
     const double error = tile["geometricError"];
     EXPECT_LE(error, above);
@@ -269,9 +273,7 @@ TEST_F(TilesTest, OnTheGlobeAreWithinTheirErrorOfTheEarth) {
     if (tile.contains("transform")) world = earth::product(world, tile["transform"].get<earth::Matrix>());
     for (const Json& child : tile.value("children", Json::array())) self(self, child, folder, world);
     if (!tile.contains("content")) return;
-    std::string uri = tile["content"]["uri"], in = folder;
-    for (; uri.starts_with("../"); uri.erase(0, 3)) in.erase(in.rfind('/', in.size() - 2) + 1);
-    uri = in + uri;
+    const std::string uri = uriOf(tile, folder);
     if (uri.ends_with(".json")) return self(self, Json::parse(files_.at(uri))["root"], uri.substr(0, uri.rfind('/') + 1), world);
     const auto surface = testing_support::readGlb(files_.at(uri)).leaves[0];
     for (const mesh::LocalVertex& v : surface.mesh.vertices) {

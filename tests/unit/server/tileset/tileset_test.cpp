@@ -88,7 +88,7 @@ void check(const Json& tile, const Json* parent, const Box* around, Place3 by, c
     EXPECT_EQ(uri.substr(uri.find('?') + 1), query);
     const LeafAddress square = squareOf(uri);
     EXPECT_TRUE(isTile(square)) << uri;
-    EXPECT_THAT(tile["geometricError"].get<double>(), testing::AnyOf(errorOf(square.level), errorOf(square.level) + dropOf(square.level)));
+    EXPECT_EQ(tile["geometricError"], errorOf(square.level));
     EXPECT_TRUE(squares.insert(square).second) << uri;
     if (uri.find(".json") != std::string::npos) {
       refers.push_back(square);
