@@ -26,11 +26,11 @@ inline constexpr int kCoarsest = 12;
 
 // Metres: the greatest vertical distance between a tile of this level and the ground.
 inline double errorOf(int level) { return std::ldexp(0.4, level); }
+inline constexpr double kEarthRadius = 6'330'000;  // metres, the least of the ellipsoid's curvature
 // Metres: how far a tile's corners are above the globe where the plane of a tile of this level touches it in the tile's middle.
 inline double dropOf(int level) {
-  constexpr double kRadius = 6'330'000;  // the smallest of the ellipsoid's
   const double side = lattice::metres(lattice::LeafAddress{level, 0, 0}.side());
-  return side * side / (4 * kRadius);
+  return side * side / (4 * kEarthRadius);
 }
 // Metres: how far the skirt of a tile with this error hangs below its sides. Between two sides the gap is at most the sum of their errors,
 // so ten errors cover the gaps between tiles that are up to three levels apart.

@@ -73,10 +73,10 @@ std::optional<earth::Matrix> worldOf(const earth::Placement& placement, lattice:
 
 // Where its tiles lie on planes of their own, they leave that of a larger one by as much as the Earth is curved.
 Known curved(Known tile) {
-  constexpr double kRadius = 6'330'000;  // the smallest of the ellipsoid's
   const double across = std::hypot(metres(tile.high.x - tile.low.x), metres(tile.high.z - tile.low.z)) / 2;
-  const double drop = across * across / kRadius;  // twice that of a sphere
-  const auto aside = static_cast<Step>((std::max(std::abs(tile.lowest), std::abs(tile.highest)) + drop) * across / kRadius * 256 + 256);
+  const double drop = across * across / kEarthRadius;  // twice that of a sphere
+  const auto aside =
+      static_cast<Step>((std::max(std::abs(tile.lowest), std::abs(tile.highest)) + drop) * across / kEarthRadius * 256 + 256);
   tile.lowest -= drop;
   tile.highest += drop / 8;  // a place's ellipsoid beside that of WGS84, scale
   tile.low = {tile.low.x - aside, tile.low.z - aside};
