@@ -84,7 +84,7 @@ void Line::leaves(const wire::ServerMessage& message) {
 }
 
 void Line::judge(const wire::Iteration& iteration) {
-  EXPECT_LE(queued_ - granted_, maxQueuedBytes_) << "an iteration was made for a client that takes none";
+  EXPECT_LE(queued_, maxQueuedBytes_ + granted_) << "an iteration was made for a client that takes none";
   const std::uint64_t before = std::exchange(edit_, iteration.edit);
   if (isLockstep_ || iteration.edit > before) return;  // new ground comes first
   EXPECT_EQ(iteration.poseSequence, newestPose_) << "an iteration was made for another pose than the newest";
