@@ -111,7 +111,7 @@ TEST_F(Window, AHeightMapIsCompiledBesideTheWindow) {
 TEST_F(Window, WhileTheDriverCompilesTheMeshIsThereAndTheWindowCloses) {
   std::string text = readText(RIDGECAST_PATHS "/../../../common/terrain/tutorial/dunes.glsl");
   std::string more;
-  for (int k = 0; k < 60; ++k)
+  for (int k = 0; k < 30; ++k)
     more += "  p = finer5(p);\n  c += 0.001 * stripes(p.cell, p.at, vec2(0.5, c), " + std::to_string(k) + "u).x;\n";
   const std::string function = "vec3 terrainColor(ivec2 cell, vec2 fraction, float height, vec3 normal, float footprint, uint seed) {\n";
   const auto body = text.find(function) + function.size();

@@ -165,7 +165,7 @@ int wanted(int usual) {
 
 TEST(Tiles, RandomOnesKeepTheirErrorWhereverTheyLie) {
   std::mt19937_64 random(11);
-  const int tiles = wanted(40);
+  const int tiles = wanted(20);
   ScratchFolder folder;
   const std::string map = folder / "map.r16";
   writeMap(map);

@@ -276,7 +276,7 @@ TEST_F(EditsTest, AnswersByHttpSayWhichTheyKnow) {
 
 // How long from an edit to each of sixteen checked meshes.
 void reachMembers(std::uint16_t port, const terrain::Terrain& base) {
-  constexpr int kMembers = testing_support::kSanitized ? 3 : 16, kEdits = testing_support::kSanitized ? 3 : 30;
+  constexpr int kMembers = testing_support::kSanitized ? 3 : 16, kEdits = testing_support::kSanitized ? 3 : 12;
   const double y = base.height({0, 0}) + 60;
   std::vector<std::unique_ptr<Member>> members;
   for (int k = 0; k < kMembers; ++k) members.push_back(std::make_unique<Member>(port, "m" + std::to_string(k)));

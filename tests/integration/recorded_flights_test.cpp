@@ -4,6 +4,7 @@
 //   RIDGECAST_RECORD_FLIGHTS=1 build/test/bin/integration_recorded_flights
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cstdlib>
 #include <fstream>
 #include <functional>
@@ -17,6 +18,7 @@
 #include "server/scheduling/pool.h"
 #include "server/session/session.h"
 #include "tests/support/flier.h"
+#include "tests/support/sanitized.h"
 
 namespace ridgecast {
 namespace {
@@ -124,10 +126,14 @@ std::map<std::string, Flight> recorded() {
 
 TEST(RecordedFlights, EveryIterationIsTheOneThatWasRecorded) {
   logging::setUp(logging::Format::kText, logging::Level::kWarning);
+  constexpr int kMost = testing_support::kSanitized ? 22 : 60;  // the beginning shows what another compiler makes otherwise
   const std::map<std::string, Flight> flown = {
-      {"alpine", fly("alpine.json", 0.1, 60)},           {"canyon", fly("canyon.json", 0.1, 60)},
-      {"archipelago", fly("archipelago.json", 0.1, 60)}, {"far", fly("alpine-1e12.json", 0.1, 60)},
-      {"return", fly("alpine-return.json", 1, 40)},      {"settings", fly("alpine.json", 0.1, 60, changeSettings)},
+      {"alpine", fly("alpine.json", 0.1, kMost)},
+      {"canyon", fly("canyon.json", 0.1, kMost)},
+      {"archipelago", fly("archipelago.json", 0.1, kMost)},
+      {"far", fly("alpine-1e12.json", 0.1, kMost)},
+      {"return", fly("alpine-return.json", 1, std::min(40, kMost))},
+      {"settings", fly("alpine.json", 0.1, kMost, changeSettings)},
   };
   if (std::getenv("RIDGECAST_RECORD_FLIGHTS")) {
     std::ofstream out(kRecording);
@@ -139,7 +145,7 @@ TEST(RecordedFlights, EveryIterationIsTheOneThatWasRecorded) {
   for (const auto& [name, flight] : flown) {
     ASSERT_TRUE(expected.contains(name)) << kRecording << " has no flight " << name;
     const Flight& then = expected.at(name);
-    ASSERT_EQ(flight.size(), then.size()) << name;
+    ASSERT_EQ(flight.size(), std::min<std::size_t>(then.size(), kMost)) << name;
     for (std::size_t n = 0; n < flight.size(); ++n) {
       ASSERT_EQ(flight[n].hash, then[n].hash) << name << ", iteration " << n << ": another mesh";
       ASSERT_EQ(flight[n].digest, then[n].digest) << name << ", iteration " << n << ": the same mesh, told otherwise";

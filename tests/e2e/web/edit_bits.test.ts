@@ -22,7 +22,7 @@ if (why) {
 }
 
 const STEPS = 256;
-const OPERATIONS = 1000;
+const OPERATIONS = Number(process.env['OPERATIONS'] ?? 300);
 // Samples lie an even number of steps apart whose half is odd: from middles of both parities, they fall between posts in every way.
 const SIDE = 160, APART = 2 * 137;
 

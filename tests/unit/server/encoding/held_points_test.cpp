@@ -61,7 +61,7 @@ struct Flight {
 // Of an hour's flight; ITERATIONS=36000 flies it ten a second.
 int frames() {
   const char* const asked = std::getenv("ITERATIONS");
-  return asked ? std::atoi(asked) : testing_support::rounds(200);
+  return asked ? std::atoi(asked) : testing_support::rounds(80);
 }
 
 TEST(HeldPoints, MakeTheServersMeshOverFlightsDivesAndJumps) {
@@ -75,7 +75,7 @@ TEST(HeldPoints, MakeTheServersMeshOverFlightsDivesAndJumps) {
       leaves += iteration.come.size();
       f.apply(iteration);
       ASSERT_FALSE(testing::Test::HasFatalFailure()) << name << ", " << k;
-      if (k % (frames() < 1000 ? 20 : 100) == 0) f.expectSameLeaves();
+      if (k % (frames() < 1000 ? 10 : 100) == 0) f.expectSameLeaves();
     }
     f.expectSameLeaves();
     EXPECT_GT(bytes, 10'000u);
