@@ -12,6 +12,7 @@
 #include "common/edits/history.h"
 #include "common/terrain/variants.h"
 #include "tests/support/random_edits.h"
+#include "tests/support/sanitized.h"
 
 namespace ridgecast::edits {
 namespace {
@@ -81,7 +82,7 @@ TEST_P(Squares, AreFoundNearestFirst) {
 TEST_P(Squares, EverySetOfInstructionsAgreesOnEditedGround) {
   const EditedTerrain edited(base, randomLayer(base, middle, 300, 7));
   std::mt19937_64 random(2);
-  std::vector<Step> x(100'000), z(x.size());
+  std::vector<Step> x(static_cast<std::size_t>(testing_support::rounds(100'000))), z(x.size());
   for (std::size_t k = 0; k < x.size(); ++k) {
     x[k] = middle.x + static_cast<Step>(random() % m(260)) - m(130);
     z[k] = middle.z + static_cast<Step>(random() % m(260)) - m(130);

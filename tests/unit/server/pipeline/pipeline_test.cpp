@@ -293,7 +293,7 @@ TEST(Pipeline, AShortSoak) {
   s.triangleBudget = 60'000;
   Rig rig(2, s);
   std::size_t most = 0;
-  constexpr int kIterations = testing_support::kSanitized ? 80 : 240;
+  constexpr int kIterations = testing_support::kSanitized ? 40 : 240;
   for (int n = 0; n < kIterations; ++n) {
     const auto figures = rig.pipeline.iterate(testing_support::hour(*rig.terrain, n * 15.0));
     ASSERT_LE(figures.triangles, 63'000u) << "iteration " << n;
