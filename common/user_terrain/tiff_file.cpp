@@ -142,14 +142,15 @@ class TiffFile final : public RasterFile {
     std::uint32_t kind = 0;
     TIFFGetFieldDefaulted(tiff_, TIFFTAG_SUBFILETYPE, &kind);
     if (kind & FILETYPE_REDUCEDIMAGE) header_.unread = "a reduced page stands before the map";
-    for (int page = 1; page < kMostPages && TIFFReadDirectory(tiff_) == 1; ++page) {
+    int page = 1;
+    for (complaint.clear(); TIFFReadDirectory(tiff_) == 1; ++page) {
       kind = 0;
       TIFFGetFieldDefaulted(tiff_, TIFFTAG_SUBFILETYPE, &kind);
-      if (kind & FILETYPE_MASK)
-        header_.unread = "it has a mask";
-      else if (!(kind & FILETYPE_REDUCEDIMAGE) && header_.unread.empty())
+      if (kind & FILETYPE_MASK) header_.unread = "it has a mask";
+      if (page == kMostPages || (!(kind & FILETYPE_REDUCEDIMAGE) && header_.unread.empty()))
         return Error{name_ + ": it has several pages: take one of them (gdal_translate GTIFF_DIR:1:" + name_ + ")"};
     }
+    if (!complaint.empty()) return broken("its page " + std::to_string(page + 1) + " cannot be read");
     if (TIFFSetDirectory(tiff_, 0) != 1) return broken("its first page cannot be read again");
     return {};
   }

@@ -404,6 +404,45 @@ TEST_F(RasterFiles, brokenFilesGiveAMessage) {
   }
 }
 
+TEST_F(RasterFiles, OverviewsFollowUpToABoundAndEnd) {
+  const auto withPages = [&](const std::string& name, int count) {
+    tiff(name, {.width = 20, .height = 16, .sample = bumpy});
+    TIFF* const f = TIFFOpen(file(name).c_str(), "a");
+    ASSERT_TRUE(f);
+    for (int page = 0; page < count; ++page) {
+      TIFFSetField(f, TIFFTAG_SUBFILETYPE, FILETYPE_REDUCEDIMAGE);
+      TIFFSetField(f, TIFFTAG_IMAGEWIDTH, 1);
+      TIFFSetField(f, TIFFTAG_IMAGELENGTH, 1);
+      TIFFSetField(f, TIFFTAG_BITSPERSAMPLE, 8);
+      TIFFSetField(f, TIFFTAG_PHOTOMETRIC, PHOTOMETRIC_MINISBLACK);
+      unsigned char sample = 1;
+      ASSERT_EQ(TIFFWriteScanline(f, &sample, 0, 0), 1);
+      ASSERT_EQ(TIFFWriteDirectory(f), 1);
+    }
+    TIFFClose(f);
+  };
+  withPages("map.tif", 63);
+  EXPECT_EQ(complaint(file("map.tif")), "it was loaded");
+  withPages("many.tif", 10'000);
+  EXPECT_THAT(complaint(file("many.tif")), HasSubstr("many.tif: it has several pages"));
+
+  // The last page's successor: the first page, which ends them as nothing does, or a place beyond the file.
+  std::string bytes(std::filesystem::file_size(file("map.tif")), '\0');
+  std::ifstream(file("map.tif"), std::ios::binary).read(bytes.data(), static_cast<std::streamsize>(bytes.size()));
+  const auto read = [&](std::size_t at, auto value) {
+    std::memcpy(&value, &bytes.at(at), sizeof value);
+    return value;
+  };
+  const std::uint32_t first = read(4, std::uint32_t{});
+  std::size_t successor = 4;
+  while (const std::uint32_t page = read(successor, std::uint32_t{})) successor = page + 2u + 12u * read(page, std::uint16_t{});
+  for (const std::uint32_t next : {first, 0x7fff'fff0u}) {
+    std::memcpy(&bytes[successor], &next, sizeof next);
+    std::ofstream(file("map.tif"), std::ios::binary) << bytes;
+    EXPECT_THAT(complaint(file("map.tif")), HasSubstr(next == first ? "it was loaded" : "map.tif: its page 65 cannot be read"));
+  }
+}
+
 TEST(RasterOptions, areCheckedOneByOne) {
   RasterOptions o;
   for (const std::string right : {"pitch=30", "scale=-0.1", "offset=5", "edge=mirror", "edge=0", "nodata=-5", "size=2x300", "order=big",
