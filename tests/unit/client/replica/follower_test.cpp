@@ -163,7 +163,7 @@ struct Stream {
 
 TEST(Follower, HoldsWhatTheServerHoldsWhateverHappensOnTheWay) {
   Counts all;
-  for (unsigned seed = 0; seed < (testing_support::kSanitized ? 2u : 6u); ++seed) {
+  for (unsigned seed = 0; seed < (testing_support::kSanitized ? 3u : 6u); ++seed) {
     Stream stream(seed);
     for (int step = 0; step < 200; ++step) {
       if (between(stream.random, 0, 2)) stream.move();

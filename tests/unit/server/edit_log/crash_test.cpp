@@ -12,7 +12,6 @@
 
 #include "tests/support/forgetful_disk.h"
 #include "tests/support/process.h"
-#include "tests/support/sanitized.h"
 #include "tests/unit/server/edit_log/session.h"
 
 namespace ridgecast::edit_log {
@@ -23,7 +22,7 @@ using testing_support::ScratchFolder;
 
 int rounds() {
   const char* const wanted = std::getenv("ROUNDS");
-  return wanted ? std::atoi(wanted) : testing_support::rounds(15);
+  return wanted ? std::atoi(wanted) : 15;
 }
 
 // What a child tells of an edit that is on disk.
