@@ -77,7 +77,7 @@ TEST_F(EditTextures, GiveTheProcessorsHeights) {
     const char* terrain;
     double distance;
     int operations;
-  } kCases[] = {{"alpine", 0, 1000}, {"canyon", 4e12, 200}};
+  } kCases[] = {{"alpine", 0, 1000}, {"alpine", 1e9, 1000}, {"canyon", 4e12, 200}};
   for (const auto& c : kCases) {
     const Point middle{m(c.distance), -m(c.distance)};
     const auto base = terrain::create(c.terrain, 1).value();
