@@ -67,6 +67,8 @@ settings::Figures Pipeline::iterate(const camera::Camera& camera) {
 
   // refine
   s.fitBudget();
+  s.search.begin(s.effective, s.isLimited());
+  const bool raised = s.search.isRaised();
   s.motion.follow(camera, selection.fromNothing);
   if (!still || selection.changed) s.lookAnew();
   refinement::View view = s.view();
@@ -87,7 +89,7 @@ settings::Figures Pipeline::iterate(const camera::Camera& camera) {
   figures = s.describe(figures);
   figures.generatedLeaves = selection.generated;
   figures.droppedLeaves = selection.dropped;
-  s.settle(still && !selection.changed && figures.inserted == 0 && figures.removed == 0 && s.effective == thresholdBefore, view);
+  s.settle(still && !selection.changed && figures.inserted == 0 && figures.removed == 0 && s.effective == thresholdBefore && !raised, view);
   figures.refineMs += watch.lap();
   figures.heights = s.mesh.mesh().heights() + s.horizon.heights() - heightsBefore;
   return figures;

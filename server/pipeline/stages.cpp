@@ -1,6 +1,9 @@
+#include <algorithm>
 #include <array>
 #include <cmath>
+#include <functional>
 #include <numbers>
+#include <utility>
 
 #include "common/triangulation/triangulation.h"
 #include "server/pipeline/state.h"
@@ -20,6 +23,8 @@ constexpr double kRemoval = 0.5;
 constexpr double kThesisRemovalPixels = 1.0;
 // "Nearly full": leaves outside the wide frustum then lose vertices below the whole threshold.
 constexpr double kTight = 0.9;
+// While insertions are limited the eye may leave the centre of its horizon so many times as far as otherwise.
+constexpr double kLeaveLimited = 2;
 
 struct RemovalLimits {
   double inside, outside;  // pixels of loss, for leaves that may be seen and for the others
@@ -42,6 +47,22 @@ void Motion::follow(const camera::Camera& now, bool fromNothing) {
   turn += std::abs(std::remainder(pose.yaw - before.yaw, 2 * std::numbers::pi)) + std::abs(pose.pitch - before.pitch);
   if (!(now.projection == camera.projection)) turn += std::numbers::pi;  // another picture: whatever is dormant is judged again
   camera = now;
+}
+
+// Errors lie close below the bound, where nothing was inserted: how close, only a step tells.
+void Search::lower() {
+  if (lowered_) step_ = std::min(1.25, 1 + 2 * (step_ - 1));
+  lowered_ = isRaised();
+  bound_ = std::max(threshold_, bound_ / step_);
+}
+
+void Search::raise(std::vector<double>& putOff, std::size_t room, double most) {
+  const bool lowered = std::exchange(lowered_, false);
+  if (putOff.size() <= 3 * room) return;
+  if (lowered) step_ = std::max(1.01, 1 + (step_ - 1) / 2);
+  const auto next = putOff.begin() + static_cast<std::ptrdiff_t>(2 * room);
+  std::nth_element(putOff.begin(), next, putOff.end(), std::greater());
+  bound_ = std::max(bound_, std::min(*next, most));
 }
 
 Pipeline::State::State(std::shared_ptr<const terrain::Terrain> ground, const settings::Settings& granted,
@@ -72,7 +93,8 @@ void Pipeline::State::fitBudget() {
 
 void Pipeline::State::castHorizon(refinement::View& view, double ground) {
   if (isThesis()) return;
-  const std::vector<int>& rays = horizon.follow(motion.camera, motion.camera.pose.y - ground, motion.moving, refinement::kWidening);
+  const double leave = !motion.moving ? 0 : isLimited() ? kLeaveLimited : 1;
+  const std::vector<int>& rays = horizon.follow(motion.camera, motion.camera.pose.y - ground, leave, refinement::kWidening);
   pool->forEach(rays.size(), 16, [&](std::size_t k) { horizon.cast(rays[k]); });
   view.horizon = &horizon;
 }
@@ -105,38 +127,45 @@ void Pipeline::State::findWork(const refinement::View& view) {
       leaf.work.removalLimit = leaf.visible ? removal.inside : removal.outside;
       searches[k] = {leaf.region, leaf.visible, &leaf.work};
     }
-    mesh.mesh().findWork(std::span(searches).first(some.size()), view, effective);
+    mesh.mesh().findWork(std::span(searches).first(some.size()), view, search.bound());
   });
 }
 
 void Pipeline::State::limitInsertions(const refinement::View& view) {
-  left = 0;
   std::size_t wanted = 0;
   for (const Leaf* leaf : mesh.leaves()) wanted += leaf->work.pending.size();
   const std::size_t budgeted = settings.triangleBudget > live ? (settings.triangleBudget - live) / 2 : 0,
                     room = std::min(insertionLimit, budgeted);
+  left = search.isRaised() ? search.bound() : 0;
+  if (wanted <= room) return search.lower();
+  std::vector<double> putOff = keepMostWanted(room, wanted, view);
   // What one iteration cannot hold comes next, and is not withheld.
-  const bool forNow = isThesis() || (budgeted >= insertionLimit && insertionLimit == kMostInsertions);
-  if (wanted <= room) return;
-  std::vector<Pending> all;
-  all.reserve(wanted);
-  for (const Leaf* leaf : mesh.leaves()) all.insert(all.end(), leaf->work.pending.begin(), leaf->work.pending.end());
+  const bool forNow = isThesis() || (budgeted >= insertionLimit && !isLimited());
+  if (!forNow) left = std::max(left, std::ranges::max(putOff));
+  if (isLimited() && room == insertionLimit) search.raise(putOff, room, kMostRaised * settings.threshold);
+}
+
+std::vector<double> Pipeline::State::keepMostWanted(std::size_t room, std::size_t wanted, const refinement::View& view) {
+  std::vector<double> errors;
+  errors.reserve(wanted - room);
   const auto postpone = [&](Leaf& leaf, std::size_t from) {
-    for (std::size_t k = from; k < leaf.work.pending.size(); ++k) {
-      const double error = mesh.mesh().postpone(leaf.work.pending[k], leaf.region, view);
-      if (!forNow) left = std::max(left, error);
-    }
+    for (std::size_t k = from; k < leaf.work.pending.size(); ++k)
+      errors.push_back(mesh.mesh().postpone(leaf.work.pending[k], leaf.region, view, !isLimited()));
     leaf.work.pending.resize(from);
   };
   if (room == 0) {
     for (Leaf* leaf : mesh.leaves()) postpone(*leaf, 0);
-    return;
+    return errors;
   }
+  std::vector<Pending> all;
+  all.reserve(wanted);
+  for (const Leaf* leaf : mesh.leaves()) all.insert(all.end(), leaf->work.pending.begin(), leaf->work.pending.end());
   std::nth_element(all.begin(), all.begin() + static_cast<std::ptrdiff_t>(room - 1), all.end());
   const Pending last = all[room - 1];
   for (Leaf* leaf : mesh.leaves())
     postpone(*leaf, static_cast<std::size_t>(std::upper_bound(leaf->work.pending.begin(), leaf->work.pending.end(), last) -
                                              leaf->work.pending.begin()));
+  return errors;
 }
 
 void Pipeline::State::evaluate(const refinement::View* view) {

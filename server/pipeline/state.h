@@ -27,9 +27,31 @@ struct Motion {
   void follow(const camera::Camera& now, bool fromNothing);
 };
 
+// How great errors must be to be looked for. While insertions are limited that is above the threshold, at what the limit cuts off: whatever
+// an iteration finds beyond its room is put off, and found and judged again. It changes seldom, for pages' next checks hold for one bound.
+class Search {
+ public:
+  double bound() const { return bound_; }
+  bool isRaised() const { return bound_ > threshold_; }
+  // For the next iteration.
+  void begin(double threshold, bool limited) {
+    threshold_ = threshold;
+    bound_ = limited ? std::max(bound_, threshold) : threshold;
+  }
+  // All that was found had room: down by a step that finds at most four times the room, as far as earlier steps tell.
+  void lower();
+  // What had no room, by its errors, in any order. If it is too much: up to where twice the room of it is left, at most to `most`.
+  void raise(std::vector<double>& putOff, std::size_t room, double most);
+
+ private:
+  double threshold_ = 0, bound_ = 0, step_ = 1.25;
+  bool lowered_ = false;  // by the last iteration
+};
+
 struct Pipeline::State {
   State(std::shared_ptr<const terrain::Terrain> terrain, const settings::Settings& granted, std::shared_ptr<scheduling::Pool> workers);
 
+  bool isLimited() const { return !isThesis() && insertionLimit < kMostInsertions; }
   bool isThesis() const { return settings.metric == settings::Metric::kThesis; }
   double spacing() const { return std::clamp(kClosely * effective, kLeastClosely, kMostClosely); }
   refinement::View view() const;
@@ -43,6 +65,8 @@ struct Pipeline::State {
   void findWork(const refinement::View& view);
   // Keeps the most wanted insertions that the budget and one iteration have room for; ties by position.
   void limitInsertions(const refinement::View& view);
+  // Of those wanted; returns the errors of the others, as seen.
+  std::vector<double> keepMostWanted(std::size_t room, std::size_t wanted, const refinement::View& view);
   // Removes, inserts, and evaluates what is fresh in the leaves that changed, in parallel where write sets are disjoint, with the result of
   // doing it one leaf after the other. Returns how many insertions were deferred to the serial step at the end.
   std::uint32_t change(const refinement::View& view);
@@ -69,7 +93,8 @@ struct Pipeline::State {
   refinement::Horizon horizon;
   generation::CameraMesh mesh;
   std::size_t insertionLimit = kMostInsertions;
-  double effective;        // threshold; above the granted one while the budget binds
+  double effective;  // threshold; above the granted one while the budget binds
+  Search search;
   double fill = 0;         // of the budget
   double left = 0;         // the greatest error, as seen, of what the budget, or a limit to insertions, kept out
   std::uint32_t live = 0;  // triangles owned by leaves

@@ -109,8 +109,9 @@ class AdaptiveMesh {
     Work* work;
   };
   void findWork(std::span<const Search> searches, const View& view, double threshold);
-  // The candidate will be found again. Returns what is seen of its error. One region.
-  double postpone(const Pending& wanted, RegionId region, const View& view);
+  // The candidate will be found again. Returns what is seen of its error. `pageAnew`: the dormant ones of its page are judged again, too. One
+  // region.
+  double postpone(const Pending& wanted, RegionId region, const View& view, bool pageAnew);
   // Removes those removable vertices whose loss still is below the limit. By write set.
   void removeUnneeded(RegionId region, const View& view, triangulation::WriteSet& set, Work& work);
   // Inserts what is pending; the rest is in work.deferred. By write set.

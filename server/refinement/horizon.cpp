@@ -99,7 +99,7 @@ bool Horizon::isOver(int ray, const lattice::Area& area) const {
   return std::ranges::any_of(distances(), [&](double r) { return r >= from && r <= to && area.holds(placeOn(direction, r, centre_)); });
 }
 
-const std::vector<int>& Horizon::follow(const camera::Camera& camera, double above, bool moving, double widening) {
+const std::vector<int>& Horizon::follow(const camera::Camera& camera, double above, double leave, double widening) {
   const camera::Pose& pose = camera.pose;
   const auto offset = [&] {
     return camera::Vec3{static_cast<double>(pose.x - centre_.x) * lattice::kMetresPerStep, pose.y - centre_.y,
@@ -107,7 +107,8 @@ const std::vector<int>& Horizon::follow(const camera::Camera& camera, double abo
   };
   offset_ = offset();
   const double way = std::sqrt(offset_.x * offset_.x + offset_.y * offset_.y + offset_.z * offset_.z);
-  if (!centred_ || way > (moving && !std::exchange(isOnOtherGround_, false) ? kStay + kStayShare * std::max(0.0, above) : 0)) {
+  const double stay = leave > 0 && !std::exchange(isOnOtherGround_, false) ? leave * (kStay + kStayShare * std::max(0.0, above)) : 0;
+  if (!centred_ || way > stay) {
     centre_ = pose;
     centred_ = true;
     offset_ = {0, 0, 0};

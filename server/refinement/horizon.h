@@ -34,9 +34,9 @@ class Horizon {
   // Other ground from now on, within these areas alone: rays over them are cast again, and all of them if the eye is not at the centre.
   void setTerrain(std::shared_ptr<const terrain::Terrain> terrain, std::span<const lattice::Area> changed);
 
-  // Where the eye is now; `above`: metres over the ground; `moving`: it was elsewhere before. The rays that are to be cast before the next
-  // hidden(), by number.
-  const std::vector<int>& follow(const camera::Camera& camera, double above, bool moving, double widening);
+  // Where the eye is now; `above`: metres over the ground; `leave`: how far it may leave the centre, 1 as a rule; 0, for an eye at rest:
+  // not at all. The rays that are to be cast before the next hidden(), by number.
+  const std::vector<int>& follow(const camera::Camera& camera, double above, double leave, double widening);
   // Casts a ray that follow() named.
   void cast(int ray);
 

@@ -121,9 +121,14 @@ void AdaptiveMesh::findWork(std::span<const Search> searches, const View& view, 
   }
 }
 
-double AdaptiveMesh::postpone(const Pending& wanted, RegionId region, const View& view) {
+double AdaptiveMesh::postpone(const Pending& wanted, RegionId region, const View& view, bool pageAnew) {
   const Candidate c = candidate(wanted.triangle);
-  wakeCandidate(wanted.triangle, region);
+  if (pageAnew) {
+    wakeCandidate(wanted.triangle, region);
+  } else {
+    const std::uint32_t page = mesh_.trianglePages().pageOf(wanted.triangle);
+    foldCandidate(checks_[page], screens_[page], regions_[region], c, view);
+  }
   return seenError({c.point.x, c.point.z, c.y}, c.error, view);
 }
 

@@ -346,6 +346,56 @@ TEST(Pipeline, GoesOnWithOtherSettingsWhateverTheThreads) {
   EXPECT_EQ(hashes.front(), hashes.back());
 }
 
+// A busy machine's limits are others in each iteration; a recording names them, and makes every mesh again from that.
+TEST(Pipeline, LimitsAtRandomMakeTheSameMeshesAgainWhateverTheThreads) {
+  std::mt19937_64 seeds(39);
+  for (int round = 0; round < testing_support::rounds(3); ++round) {
+    const std::uint64_t seed = seeds();
+    std::vector<std::vector<std::uint64_t>> hashes;
+    std::uint32_t raised = 0;
+    for (const unsigned threads : {1u, 4u}) {
+      Rig rig(threads, {.threshold = 1, .triangleBudget = 30'000});
+      std::mt19937_64 random(seed);
+      hashes.emplace_back();
+      for (int n = 0; n < 60; ++n) {
+        rig.pipeline.setInsertionLimit(random() % 8 == 0 ? 0xffffffffu : 1 + static_cast<std::uint32_t>(random() % 400));
+        const auto figures = rig.pipeline.iterate(cameraAt(*rig.terrain, 1400 + 8.0 * n, 3600, 150, 0.02 * n));
+        raised += figures.effectiveThreshold > 1;
+        hashes.back().push_back(rig.hash());
+      }
+      rig.expectSound("after limits at random");
+    }
+    EXPECT_EQ(hashes.front(), hashes.back()) << "seed " << seed;
+    EXPECT_GT(raised, 20u) << "seed " << seed;
+  }
+}
+
+TEST(Pipeline, ALimitedMeshIsNotSettledAndSettlesAsOthersDoOnceTheLimitGoes) {
+  Rig limited(1, {.threshold = 1}), free(1, {.threshold = 1});
+  const camera::Camera camera = cameraAt(*limited.terrain, 1400, 3600, 150);
+  const auto settle = [&](Rig& rig) {
+    settings::Figures figures;
+    for (int k = 0; k < 400 && (k == 0 || !rig.pipeline.settled()); ++k) figures = rig.pipeline.iterate(camera);
+    EXPECT_TRUE(rig.pipeline.settled());
+    EXPECT_EQ(figures.effectiveThreshold, 1);
+    return figures.triangles;
+  };
+  const std::uint32_t triangles = settle(free);
+  limited.pipeline.setInsertionLimit(200);
+  double before = 0, worst = 0;
+  for (int k = 0; k < 20; ++k) {
+    before = limited.pipeline.iterate(camera).effectiveThreshold;
+    worst = std::max(worst, before);
+    ASSERT_FALSE(limited.pipeline.settled());
+  }
+  EXPECT_GT(worst, 4);
+  EXPECT_LT(before, worst) << "the worst comes first";
+  EXPECT_NEAR(settle(limited), triangles, triangles / 20.0) << "with the limit, in more iterations";
+  limited.pipeline.setInsertionLimit(0xffffffffu);
+  limited.pipeline.iterate(cameraAt(*limited.terrain, 1400, 3600, 150, 1));
+  EXPECT_NEAR(settle(limited), triangles, triangles / 20.0);
+}
+
 // The height of the mesh above a place, in steps, from what a client is sent; nothing where there is none.
 std::optional<double> heightOf(const std::vector<mesh::LeafMesh>& meshes, const lattice::Vertex& p) {
   for (const mesh::LeafMesh& leaf : meshes) {

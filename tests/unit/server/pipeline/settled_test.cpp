@@ -167,5 +167,18 @@ TEST(Settled, TellsTheErrorThatABudgetLeaves) {
   rig.expectKept(camera, figures.effectiveThreshold, "under a budget");
 }
 
+// A limit to insertions: what is told after each iteration holds for the mesh as it is then, though it is far from settled.
+TEST(Settled, TellsTheErrorThatALimitLeaves) {
+  Rig rig(built("alpine"), 0.6);
+  rig.pipeline.setInsertionLimit(300);
+  const auto camera = standing(*rig.terrain, 1000, 0, 120, 0, -10);
+  for (int n = 0; n < 40; ++n) {
+    const auto figures = rig.pipeline.iterate(camera);
+    if (n < 5 || n % 12 != 0) continue;
+    EXPECT_GT(figures.effectiveThreshold, 0.6);
+    rig.expectKept(camera, figures.effectiveThreshold, "after " + std::to_string(n) + " limited iterations");
+  }
+}
+
 }  // namespace
 }  // namespace ridgecast::pipeline

@@ -73,7 +73,7 @@ TEST(Horizon, HidesWhatTheGroundCoversAndHardlyAnythingElse) {
     for (unsigned view = 0; view < 6; ++view) {
       const auto camera = above(*terrain, 900.0 * view, -700.0 * view, view % 2 ? 120 : 25, view);
       Horizon horizon(terrain);
-      for (int ray : horizon.follow(camera, 25, true, kWide)) horizon.cast(ray);
+      for (int ray : horizon.follow(camera, 25, 1, kWide)) horizon.cast(ray);
       const Tally t = tally(*terrain, horizon, camera, 400, view);
       sum.seen += t.seen, sum.seenCalledHidden += t.seenCalledHidden, sum.covered += t.covered,
           sum.coveredCalledHidden += t.coveredCalledHidden;
@@ -94,7 +94,7 @@ TEST(Horizon, OtherGroundIsCastAgain) {
   for (int n = 0; n < 20; ++n) {
     auto camera = above(*base, 900.0 * n, -700.0 * n, 60, n);
     Horizon kept(base), fresh(base);
-    for (int ray : kept.follow(camera, 60, false, kWide)) kept.cast(ray);
+    for (int ray : kept.follow(camera, 60, 0, kWide)) kept.cast(ray);
     edits::History history(base);
     std::vector<lattice::Area> changed;
     for (int k = 0; k < 3; ++k) {
@@ -106,11 +106,11 @@ TEST(Horizon, OtherGroundIsCastAgain) {
     const auto edited = std::make_shared<const edits::EditedTerrain>(base, history.layer());
     kept.setTerrain(edited, changed);
     fresh = Horizon(edited);
-    const std::size_t rays = fresh.follow(camera, 60, false, kWide).size();
-    again += kept.follow(camera, 60, false, kWide).size();
+    const std::size_t rays = fresh.follow(camera, 60, 0, kWide).size();
+    again += kept.follow(camera, 60, 0, kWide).size();
     all += rays;
-    for (int ray : kept.follow(camera, 60, false, kWide)) kept.cast(ray);
-    for (int ray : fresh.follow(camera, 60, false, kWide)) fresh.cast(ray);
+    for (int ray : kept.follow(camera, 60, 0, kWide)) kept.cast(ray);
+    for (int ray : fresh.follow(camera, 60, 0, kWide)) fresh.cast(ray);
     const camera::Vec3 ahead = camera::forward(camera.pose), right = camera::right(camera.pose);
     int hidden = 0;
     for (int k = 0; k < 1000; ++k) {
@@ -121,7 +121,7 @@ TEST(Horizon, OtherGroundIsCastAgain) {
     }
     EXPECT_GT(hidden, 0);
     camera.pose.x += 256;
-    EXPECT_GE(kept.follow(camera, 60, false, kWide).size(), rays) << "the eye is elsewhere";
+    EXPECT_GE(kept.follow(camera, 60, 0, kWide).size(), rays) << "the eye is elsewhere";
   }
   EXPECT_GT(again, 0u);
   EXPECT_LT(again, all / 2);
@@ -132,23 +132,23 @@ TEST(Horizon, CastsOnlyWhatIsMissing) {
   Horizon horizon(terrain);
   auto camera = above(*terrain, 0, 0, 100, 0);
   EXPECT_FALSE(horizon.hidden({1000, -500, 0}, 0)) << "nothing was cast";
-  const auto first = horizon.follow(camera, 100, true, kWide);
+  const auto first = horizon.follow(camera, 100, 1, kWide);
   EXPECT_GT(first.size(), Horizon::kRays / 6);
   EXPECT_LT(first.size(), Horizon::kRays / 2);
   for (int ray : first) horizon.cast(ray);
-  EXPECT_TRUE(horizon.follow(camera, 100, true, kWide).empty());
+  EXPECT_TRUE(horizon.follow(camera, 100, 1, kWide).empty());
   camera.pose.yaw += 0.1;
-  const std::size_t turned = horizon.follow(camera, 100, true, kWide).size();
+  const std::size_t turned = horizon.follow(camera, 100, 1, kWide).size();
   EXPECT_GT(turned, 0u);
   EXPECT_LT(turned, 30u);
   camera.pose.yaw -= 0.1;
   camera.pose.x += 5 * 256;
-  EXPECT_TRUE(horizon.follow(camera, 100, true, kWide).empty()) << "it has hardly moved";
-  EXPECT_GE(Horizon(horizon).follow(camera, 100, false, kWide).size(), first.size()) << "at rest the rays start from the eye";
+  EXPECT_TRUE(horizon.follow(camera, 100, 1, kWide).empty()) << "it has hardly moved";
+  EXPECT_GE(Horizon(horizon).follow(camera, 100, 0, kWide).size(), first.size()) << "at rest the rays start from the eye";
   camera.pose.x += 30 * 256;
-  EXPECT_GE(horizon.follow(camera, 100, true, kWide).size(), first.size());
+  EXPECT_GE(horizon.follow(camera, 100, 1, kWide).size(), first.size());
   camera.pose.pitch = -std::numbers::pi / 2;
-  EXPECT_EQ(horizon.follow(camera, 100, true, kWide).size(), static_cast<std::size_t>(Horizon::kRays)) << "straight down is all round";
+  EXPECT_EQ(horizon.follow(camera, 100, 1, kWide).size(), static_cast<std::size_t>(Horizon::kRays)) << "straight down is all round";
 }
 
 }  // namespace
