@@ -55,7 +55,7 @@ wire::LeafWhole Encoder::whole(const mesh::LeafMesh& leaf) const {
           form_.shades ? shadesOf(leaf) : std::vector<std::uint8_t>{}};
 }
 
-void Encoder::encode(replica::Changes changes, const pipeline::IteratingMesh& mesh, wire::Iteration& iteration) {
+void Encoder::encode(replica::Changes changes, pipeline::IteratingMesh& mesh, wire::Iteration& iteration) {
   iteration.number = changes.number;
   iteration.meshHash = changes.meshHash;
   iteration.whole.resize(changes.whole.size());

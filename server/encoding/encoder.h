@@ -30,8 +30,8 @@ class Encoder {
 
   void setTerrain(std::shared_ptr<const terrain::Terrain> terrain) { terrain_ = std::move(terrain); }
 
-  // Sets number, hash, leaves and points of an iteration, which make the client's mesh this one.
-  void encode(replica::Changes changes, const pipeline::IteratingMesh& mesh, wire::Iteration& iteration);
+  // Sets number, hash, leaves and points of an iteration, which make the client's mesh this one. A mesh has one encoder of points.
+  void encode(replica::Changes changes, pipeline::IteratingMesh& mesh, wire::Iteration& iteration);
 
  private:
   wire::LeafWhole whole(const mesh::LeafMesh& leaf) const;

@@ -27,7 +27,7 @@ std::vector<bool>& unknownVertices(std::size_t capacity) {
 
 }  // namespace
 
-std::vector<std::uint8_t> HeldPoints::update(const replica::Changes& changes, const pipeline::IteratingMesh& mesh, News& news) {
+std::vector<std::uint8_t> HeldPoints::update(const replica::Changes& changes, pipeline::IteratingMesh& mesh, News& news) {
   if (changes.anew) {
     beginAnew(changes, mesh);
     for (const mesh::LeafState& leaf : mesh.leaves()) compareLeaf(leaf.address, mesh);
@@ -35,7 +35,11 @@ std::vector<std::uint8_t> HeldPoints::update(const replica::Changes& changes, co
     replaceLeaves(changes);
     std::vector<LeafAddress> all;
     std::ranges::merge(changes.touched, changes.come, std::back_inserter(all));
-    for (const LeafAddress& leaf : all) compareLeaf(leaf, mesh);
+    for (const LeafAddress& leaf : all)
+      if (std::ranges::binary_search(changes.come, leaf))
+        compareLeaf(leaf, mesh);
+      else
+        followLeaf(leaf, mesh);
   }
   const Surface surface = mesh.surface();
   if (changes.anew || surface.outside != outside_) compareOpen(surface);
@@ -106,12 +110,35 @@ HeldPoints::Points& HeldPoints::file(const lattice::Vertex& v) {
   return *points;
 }
 
-void HeldPoints::compareLeaf(LeafAddress leaf, const pipeline::IteratingMesh& mesh) {
-  const Surface surface = mesh.surface();
+void HeldPoints::list(LeafAddress leaf, std::span<const VertexId> vertices, const Surface& surface) {
   list_.clear();
-  surface.mesh->vertexPages().forEach(
-      mesh.region(leaf), [&](VertexId v) { list_.push_back(listed(inside(leaf, absolute(surface.mesh->vertex(v), surface.anchor)), v)); });
+  for (VertexId v : vertices) list_.push_back(listed(inside(leaf, absolute(surface.mesh->vertex(v), surface.anchor)), v));
+  std::ranges::sort(list_, {}, &Listed::place);
+}
+
+void HeldPoints::compareLeaf(LeafAddress leaf, pipeline::IteratingMesh& mesh) {
+  const Surface surface = mesh.surface();
+  vertices_.clear();
+  mesh.takeFresh(leaf, vertices_);
+  vertices_.clear();
+  surface.mesh->vertexPages().forEach(mesh.region(leaf), [&](VertexId v) { vertices_.push_back(v); });
+  list(leaf, vertices_, surface);
   compare(leaf, leaves_.at(leaf), list_);
+}
+
+// A leaf that the client held at the last payload: what it does not hold yet is fresh. Where anything went, all is compared.
+void HeldPoints::followLeaf(LeafAddress leaf, pipeline::IteratingMesh& mesh) {
+  const Surface surface = mesh.surface();
+  vertices_.clear();
+  mesh.takeFresh(leaf, vertices_);
+  list(leaf, vertices_, surface);
+  Points& held = leaves_.at(leaf);
+  const auto isHeld = [&](const Listed& listed) { return std::ranges::binary_search(held, listed.place, {}, &Point::place); };
+  const auto known = static_cast<std::size_t>(std::ranges::count_if(list_, isHeld));
+  if (held.size() + list_.size() - known == surface.mesh->vertexCount(mesh.region(leaf)))
+    add(leaf, held);
+  else
+    compareLeaf(leaf, mesh);
 }
 
 void HeldPoints::compareOpen(const Surface& surface) {
@@ -125,14 +152,38 @@ void HeldPoints::compareOpen(const Surface& surface) {
   });
   for (auto& [square, list] : lists) {
     Points& held = open_[square];
+    std::ranges::sort(list, {}, &Listed::place);
     compare(square, held, list);
     if (held.empty()) open_.erase(square);
   }
 }
 
-// `held` becomes `now`; what that changes is noted.
-void HeldPoints::compare(LeafAddress square, Points& held, List& now) {
-  std::sort(now.begin(), now.end(), [](const Listed& l, const Listed& r) { return l.place < r.place; });
+// What is listed comes to what is held, or raises it; that is noted.
+void HeldPoints::add(LeafAddress leaf, Points& held) {
+  Changed c;
+  c.change.square = leaf;
+  const std::size_t size = held.size();
+  for (const Listed& listed : list_) {
+    const auto end = held.begin() + static_cast<std::ptrdiff_t>(size),
+               at = std::ranges::lower_bound(held.begin(), end, listed.place, {}, &Point::place);
+    if (at == end || at->place() != listed.place) {
+      c.change.inserted.push_back({listed.x(), listed.z()});
+      c.inserted.push_back(listed.vertex);
+      held.push_back({listed.x(), listed.z(), listed.y});
+    } else if (at->y != listed.y) {
+      c.change.raised.push_back(static_cast<std::uint32_t>(at - held.begin()));
+      c.before.push_back(std::exchange(at->y, listed.y));
+      c.raised.push_back(listed.vertex);
+    }
+  }
+  if (c.change.empty()) return;
+  std::ranges::inplace_merge(held, held.begin() + static_cast<std::ptrdiff_t>(size), {}, &Point::place);
+  sizes_.push_back(static_cast<std::uint32_t>(size));
+  changed_.push_back(std::move(c));
+}
+
+// `held` becomes `now`, ascending by place; what that changes is noted.
+void HeldPoints::compare(LeafAddress square, Points& held, const List& now) {
   Changed c;
   c.change.square = square;
   auto before = held.cbegin();

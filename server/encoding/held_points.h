@@ -20,12 +20,13 @@ namespace ridgecast::encoding {
 class HeldPoints {
  public:
   // The payload of an iteration, after which the client holds the mesh's points. `changes`: for a client that follows points. `news`
-  // becomes the points that it did not have, or with another height, in the payload's order, and the level of the square of each.
+  // becomes the points that it did not have, or with another height, in the payload's order, and the level of the square of each. Takes what
+  // is fresh in the mesh: of one mesh, one client's points.
   struct News {
     std::vector<lattice::Vertex> points;
     std::vector<int> levels;
   };
-  std::vector<std::uint8_t> update(const replica::Changes& changes, const pipeline::IteratingMesh& mesh, News& news);
+  std::vector<std::uint8_t> update(const replica::Changes& changes, pipeline::IteratingMesh& mesh, News& news);
 
  private:
   using Surface = pipeline::IteratingMesh::Surface;
@@ -56,9 +57,12 @@ class HeldPoints {
   void beginAnew(const replica::Changes& changes, const pipeline::IteratingMesh& mesh);
   void replaceLeaves(const replica::Changes& changes);
   Points& file(const lattice::Vertex& v);
-  void compareLeaf(lattice::LeafAddress leaf, const pipeline::IteratingMesh& mesh);
+  void compareLeaf(lattice::LeafAddress leaf, pipeline::IteratingMesh& mesh);
+  void followLeaf(lattice::LeafAddress leaf, pipeline::IteratingMesh& mesh);
+  void list(lattice::LeafAddress leaf, std::span<const triangulation::VertexId> vertices, const Surface& surface);
+  void add(lattice::LeafAddress leaf, Points& held);
   void compareOpen(const Surface& surface);
-  void compare(lattice::LeafAddress square, Points& held, List& now);
+  void compare(lattice::LeafAddress square, Points& held, const List& now);
   std::vector<std::uint8_t> write(const replica::Changes& changes, const pipeline::IteratingMesh& mesh, News& news);
 
   std::unordered_map<lattice::LeafAddress, Points, lattice::LeafAddressHash> leaves_;  // all that the client holds
@@ -68,6 +72,7 @@ class HeldPoints {
   std::vector<Changed> changed_;              // of the current payload, leaves first
   std::vector<std::uint32_t> sizes_;          // of their squares before
   List list_;
+  std::vector<triangulation::VertexId> vertices_;
 };
 
 }  // namespace ridgecast::encoding

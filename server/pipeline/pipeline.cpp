@@ -162,6 +162,10 @@ IteratingMesh::Surface Pipeline::surface() const {
 
 std::uint32_t Pipeline::region(lattice::LeafAddress address) const { return state_->mesh.leaf(address)->region; }
 
+void Pipeline::takeFresh(lattice::LeafAddress address, std::vector<triangulation::VertexId>& out) {
+  state_->mesh.mesh().takeFreshVertices(region(address), out);
+}
+
 std::size_t Pipeline::memoryBytes() const { return state_->mesh.memoryBytes(); }
 
 const generation::CameraMesh& Pipeline::mesh() const { return state_->mesh; }

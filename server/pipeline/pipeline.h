@@ -21,7 +21,8 @@ class CameraMesh;
 }
 namespace ridgecast::triangulation {
 class Triangulation;
-}
+using VertexId = std::uint32_t;
+}  // namespace ridgecast::triangulation
 
 namespace ridgecast::pipeline {
 
@@ -74,6 +75,9 @@ class IteratingMesh {
   virtual Surface surface() const { return {}; }
   // Where a leaf of leaves() is filed.
   virtual std::uint32_t region(lattice::LeafAddress) const { return 0; }
+  // Appends the vertices filed under a leaf that are new, or have another height, since whoever took them last: those of ground that was
+  // under other leaves then among them. For one reader.
+  virtual void takeFresh(lattice::LeafAddress, std::vector<triangulation::VertexId>&) {}
 
   // The candidates that the camera of the last iteration may see, the worst first, at most so many: where the mesh would grow next. A pass
   // over all triangles in view; spreads over the pool. The same for any number of threads.
@@ -96,6 +100,7 @@ class Pipeline final : public IteratingMesh {
   mesh::LeafMesh extract(lattice::LeafAddress address) const override;
   Surface surface() const override;
   std::uint32_t region(lattice::LeafAddress address) const override;
+  void takeFresh(lattice::LeafAddress address, std::vector<triangulation::VertexId>& out) override;
   std::vector<lattice::Candidate> candidates(std::uint32_t most) const override;
 
   // Bytes of memory that this camera's mesh uses: pages in use of all records and arrays.

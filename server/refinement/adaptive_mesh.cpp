@@ -82,6 +82,16 @@ bool AdaptiveMesh::split(std::span<const RegionId> regions, const triangulation:
 
 void AdaptiveMesh::refile(RegionId region, std::vector<VertexId>& moved) { mesh_.refile(region, moves(&moved)); }
 
+void AdaptiveMesh::takeFreshVertices(RegionId region, std::vector<VertexId>& out) {
+  VertexPages& pages = mesh_.vertexPages();
+  pages.takeFreshPages(region, [&](std::uint32_t page) {
+    pages.forEachIn(page, pages.freshMask(page), [&](VertexId v) {
+      out.push_back(v);
+      pages.clearFresh(v);
+    });
+  });
+}
+
 void AdaptiveMesh::compact(RegionId region) { mesh_.compact(region, moves(nullptr)); }
 
 triangulation::Moves AdaptiveMesh::moves(std::vector<VertexId>* moved) {
@@ -225,7 +235,7 @@ void AdaptiveMesh::snap(VertexId v) {
   extra.level = static_cast<std::uint32_t>(level) & 31;
   const std::int32_t y = lattice::snapHeight(extra.fineY, level);
   if (y == mesh_.vertex(v).y) return;
-  mesh_.setHeight(v, y);
+  setHeight(v, y);
   mesh_.forEachAround(v, [&](triangulation::HalfEdge h) {
     mesh_.trianglePages().setFresh(h >> 2);
     mesh_.markChanged(mesh_.regionOf(h >> 2));
@@ -259,7 +269,7 @@ void AdaptiveMesh::raiseVertices(RegionId region) {
     wakeVertex(v, region);
     extra.fineY = heights[k];
     const std::int32_t y = lattice::snapHeight(extra.fineY, static_cast<int>(extra.level));
-    if (y != mesh_.vertex(v).y) mesh_.setHeight(v, y);
+    if (y != mesh_.vertex(v).y) setHeight(v, y);
   }
 }
 

@@ -77,6 +77,8 @@ class AdaptiveMesh {
   void refile(RegionId region, std::vector<VertexId>& moved);  // appends the vertices that moved, by their new ids
   void compact(RegionId region);
   bool takeChanged(RegionId region) { return mesh_.takeChanged(region); }
+  // Appends the region's vertices that are new, or have another height, since they were taken. One region.
+  void takeFreshVertices(RegionId region, std::vector<VertexId>& out);
 
   // ---- fixed vertices ----
   std::vector<std::int32_t> heightsAt(std::span<const lattice::Point> points);  // of the terrain; points absolute
@@ -109,8 +111,8 @@ class AdaptiveMesh {
     Work* work;
   };
   void findWork(std::span<const Search> searches, const View& view, double threshold);
-  // The candidate will be found again. Returns what is seen of its error. `pageAnew`: the dormant ones of its page are judged again, too. One
-  // region.
+  // The candidate will be found again. Returns what is seen of its error. `pageAnew`: the dormant ones of its page are judged again, too.
+  // One region.
   double postpone(const Pending& wanted, RegionId region, const View& view, bool pageAnew);
   // Removes those removable vertices whose loss still is below the limit. By write set.
   void removeUnneeded(RegionId region, const View& view, triangulation::WriteSet& set, Work& work);
@@ -168,6 +170,10 @@ class AdaptiveMesh {
   triangulation::Moves moves(std::vector<VertexId>* moved);
   void moveTriangles(std::span<const triangulation::Move> moves);
   void moveVertices(std::span<const triangulation::Move> moves);
+  void setHeight(VertexId v, std::int32_t y) {
+    mesh_.setHeight(v, y);
+    mesh_.vertexPages().setFresh(v);
+  }
   void keepExtra(VertexId v, std::int32_t fineY, int level, float loss);
   void addCurvature(std::span<const VertexId> vertices);
   bool insertOne(const Pending& wanted, RegionId region, const View& view, triangulation::WriteSet& set, Work& work);

@@ -37,7 +37,7 @@ class Stream {
   struct Cost {
     double bytes = 0, server = 0, client = 0, made = 0;  // of the message; seconds of coding, of decoding, of that and making all leaves
   };
-  Cost send(const pipeline::Pipeline& pipeline) {
+  Cost send(pipeline::Pipeline& pipeline) {
     Cost cost;
     wire::Iteration iteration;
     double began = processorTime();

@@ -3,8 +3,11 @@
 
 #include <gtest/gtest.h>
 
+#include <array>
 #include <cstdlib>
 #include <memory>
+#include <random>
+#include <utility>
 
 #include "client/scene/scene.h"
 #include "common/terrain/shades.h"
@@ -160,6 +163,60 @@ TEST(HeldPoints, AreThoseOfTheLeavesAfterARepairAndForWhoResumes) {
     f.apply(iteration);
   }
   f.expectSameLeaves();
+}
+
+// Ground that is another number of metres higher in a square at each edit.
+class Raised : public terrain::Terrain {
+ public:
+  Raised(std::shared_ptr<const terrain::Terrain> base, lattice::Area area, int metres)
+      : base_(std::move(base)), area_(area), metres_(static_cast<float>(metres)) {}
+  std::string_view name() const override { return base_->name(); }
+  std::string_view source() const override { return base_->source(); }
+  std::uint32_t seed() const override { return base_->seed(); }
+  void heights(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out) const override {
+    base_->heights(x, z, out);
+    for (std::size_t k = 0; k < out.size(); ++k) out[k] += area_.holds({x[k], z[k]}) ? metres_ : 0;
+  }
+
+ private:
+  std::shared_ptr<const terrain::Terrain> base_;
+  lattice::Area area_;
+  float metres_;
+};
+
+// A client whose window is full misses iterations: leaves split and merge, the camera jumps, ground and limits change meanwhile.
+TEST(HeldPoints, AreThoseOfTheLeavesWhateverHappenedBetweenTwoPayloads) {
+  std::mt19937_64 random(27);
+  const auto oneOf = [&](int count) { return static_cast<int>(random() % static_cast<std::uint64_t>(count)); };
+  int raised = 0, moved = 0;
+  for (int flight = 0; flight < 2; ++flight) {
+    Flight f("alpine");
+    double t = 0;
+    lattice::Area before{};
+    for (int k = 0; k < testing_support::rounds(60); ++k) {
+      for (int unsent = oneOf(6); unsent > 0; --unsent) {
+        t += oneOf(12) == 0 ? 500 : 0.1 * oneOf(20);
+        const camera::Camera camera = testing_support::straight(*f.terrain, t);
+        f.mesh->setInsertionLimit(oneOf(3) == 0 ? 0xffffffffu : static_cast<std::uint32_t>(1 + oneOf(300)));
+        if (oneOf(4) == 0) {
+          const lattice::Point at{camera.pose.x - (1 << 14) + oneOf(1 << 14), camera.pose.z - (1 << 14) + oneOf(1 << 14)};
+          const lattice::Area area{at.x, at.z, at.x + (1 << 14), at.z + (1 << 14)};
+          f.mesh->setGround(std::make_shared<Raised>(f.terrain, area, oneOf(20)), std::array{area, std::exchange(before, area)});
+          ++raised;
+        }
+        f.mesh->iterate(camera);
+      }
+      if (oneOf(12) == 0) f.replica.resend({});
+      wire::Iteration iteration;
+      f.encoder.encode(f.replica.send(f.mesh->leaves()), *f.mesh, iteration);
+      moved += !iteration.come.empty();
+      f.apply(iteration);
+      ASSERT_FALSE(testing::Test::HasFatalFailure()) << flight << ", " << k;
+    }
+    f.expectSameLeaves();
+  }
+  EXPECT_GT(raised, testing_support::rounds(60) / 2);
+  EXPECT_GT(moved, testing_support::rounds(60) / 2);
 }
 
 }  // namespace
