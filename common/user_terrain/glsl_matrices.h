@@ -13,6 +13,9 @@ struct mat2 {
   constexpr explicit mat2(A a, B b, C... c) : mat2(Components<float>(a, b, c...)) {}
   constexpr vec2& operator[](int i) { return i <= 0 ? column0 : column1; }
   constexpr const vec2& operator[](int i) const { return i <= 0 ? column0 : column1; }
+  constexpr explicit operator float() const { return column0.x; }
+  constexpr explicit operator vec2() const { return column0; }
+  constexpr explicit operator vec3() const { return {column0, column1.x}; }
   constexpr explicit operator vec4() const { return {column0, column1}; }
   constexpr bool operator==(const mat2&) const = default;
 };
@@ -28,6 +31,10 @@ struct mat3 {
   constexpr explicit mat3(A a, B b, C... c) : mat3(Components<float>(a, b, c...)) {}
   constexpr vec3& operator[](int i) { return i <= 0 ? column0 : i == 1 ? column1 : column2; }
   constexpr const vec3& operator[](int i) const { return i <= 0 ? column0 : i == 1 ? column1 : column2; }
+  constexpr explicit operator float() const { return column0.x; }
+  constexpr explicit operator vec2() const { return vec2(column0); }
+  constexpr explicit operator vec3() const { return column0; }
+  constexpr explicit operator vec4() const { return {column0, column1.x}; }
   constexpr explicit operator mat2() const { return {vec2(column0), vec2(column1)}; }
   constexpr bool operator==(const mat3&) const = default;
 };
@@ -49,6 +56,10 @@ struct mat4 {
   constexpr explicit mat4(A a, B b, C... c) : mat4(Components<float>(a, b, c...)) {}
   constexpr vec4& operator[](int i) { return i <= 0 ? column0 : i == 1 ? column1 : i == 2 ? column2 : column3; }
   constexpr const vec4& operator[](int i) const { return i <= 0 ? column0 : i == 1 ? column1 : i == 2 ? column2 : column3; }
+  constexpr explicit operator float() const { return column0.x; }
+  constexpr explicit operator vec2() const { return vec2(column0); }
+  constexpr explicit operator vec3() const { return vec3(column0); }
+  constexpr explicit operator vec4() const { return column0; }
   constexpr explicit operator mat2() const { return {vec2(column0), vec2(column1)}; }
   constexpr explicit operator mat3() const { return {vec3(column0), vec3(column1), vec3(column2)}; }
   constexpr bool operator==(const mat4&) const = default;

@@ -98,9 +98,9 @@ std::uint64_t hashed(std::uint64_t hash, std::string_view text) {
 bool isPrivate(const struct stat& s) { return s.st_uid == geteuid() && (s.st_mode & (S_IWGRP | S_IWOTH)) == 0; }
 
 // "terrain.glsl:12:7: error: ..." -> "file:12: ..."; an error inside the program's own text is reported where the file called it. The
-// compiler's words are not for people, but for a sentence of ours and a member that a struct has taken from the vectors.
+// compiler's words are not for people, but for a sentence of ours.
 Error complaint(std::string_view file, std::string_view output) {
-  constexpr std::string_view kOurs = "static assertion failed: ", kMember = "has no member named ";
+  constexpr std::string_view kOurs = "static assertion failed: ";
   const auto after = [&](std::string_view words) {
     const std::size_t place = output.find(words);
     return place == output.npos ? std::string_view() : output.substr(place + words.size(), output.find('\n', place) - place - words.size());
@@ -112,11 +112,6 @@ Error complaint(std::string_view file, std::string_view output) {
     std::from_chars(output.data() + place + mark.size(), output.data() + output.size(), number);
   std::string why = ": write it in simpler GLSL";
   if (const auto ours = after(kOurs); !ours.empty()) why = ": " + std::string(ours);
-  if (std::string_view member = after(kMember); !member.empty()) {
-    member.remove_prefix(static_cast<std::size_t>(std::ranges::find_if(member, isNameCharacter) - member.begin()));
-    member = member.substr(0, static_cast<std::size_t>(std::ranges::find_if_not(member, isNameCharacter) - member.begin()));
-    why = ": a struct has a member named '" + std::string(member) + "', which vectors then do not have; rename it";
-  }
   return Error{std::string(file) + ":" + (number ? std::to_string(number) + ":" : "") + " this GLSL has no counterpart for heights" + why};
 }
 

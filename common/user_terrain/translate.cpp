@@ -49,16 +49,16 @@ std::optional<std::vector<int>> swizzle(const std::string& name) {
   return std::nullopt;
 }
 
-// A file's overloads of these stand beside the prelude's.
-const std::set<std::string>& preludeFunctions() {
-  static const std::set<std::string> all = [] {
-    std::set<std::string> names;
+// What they return, by their names. A file's overloads of these stand beside the prelude's.
+const std::map<std::string, std::string>& preludeFunctions() {
+  static const std::map<std::string, std::string> all = [] {
+    std::map<std::string, std::string> results;
     const auto tokens = tokenise("prelude", withoutComments(terrain::prelude()));
     const auto items = tokens ? topLevel("prelude", *tokens) : Outcome<std::vector<TopLevel>>(tokens.error());
     assert(items);
     for (const TopLevel& item : *items)
-      if (item.what == TopLevel::What::kFunction) names.insert(item.names[0]);
-    return names;
+      if (item.what == TopLevel::What::kFunction) results.emplace(item.names[0], (*tokens)[item.begin].text);
+    return results;
   }();
   return all;
 }
@@ -117,8 +117,15 @@ class Translator {
       if (!is(i, "struct") || !is(i + 2, "{")) continue;
       structs_.insert(tokens_[i + 1].text);
       const std::size_t close = closing(tokens_, i + 2);
-      for (std::size_t k = i + 3; k < close; ++k)
-        if (isName(k) && (is(k + 1, ";") || is(k + 1, ",") || is(k + 1, "["))) members_.insert(tokens_[k].text);
+      std::string type;  // of what is declared
+      for (std::size_t k = i + 3; k < close; ++k) {
+        if (is(k, "["))
+          k = closing(tokens_, k);
+        else if (isName(k) && (isName(k - 1) || is(k - 1, ",") || is(k - 1, "]")) && (is(k + 1, ";") || is(k + 1, ",") || is(k + 1, "[")))
+          members_[tokens_[i + 1].text][tokens_[k].text] = type;
+        else if (isName(k))
+          type = tokens_[k].text;
+      }
     }
     for (const TopLevel& item : items_)
       if (item.what == TopLevel::What::kFunction) functions_.insert(item.names[0]), writes(item);
@@ -194,7 +201,7 @@ class Translator {
         const std::size_t own = is(i + 1, "[") ? i + 1 : 0, name = own ? closing(tokens_, own) + 1 : i + 1;
         type(i, is(name + 1, "[") ? name + 1 : own);
         if (byReference) put(i, "&");
-        if (name < end) put(name, declare(name, renamed(tokens_[name].text)));
+        if (name < end) put(name, declare(i, name, renamed(tokens_[name].text)));
       }
       if (!is(end, ")")) put(end, ",");
       i = end + 1;
@@ -252,7 +259,7 @@ class Translator {
       put(name, called);
       if (isApart) put(name, "; " + called);
       emit(after, stop);
-      if (!ofStruct) declare(name, called);
+      if (!ofStruct) declare(i, name, called);
       if (stop >= end || !is(stop, ",")) return stop;
       put(stop, ";");
       name = stop + 1;
@@ -275,7 +282,10 @@ class Translator {
   }
 
   // A variable of the scope, and how it is called in C++.
-  std::string declare(std::size_t name, std::string called) { return scopes_.back().names[tokens_[name].text] = std::move(called); }
+  std::string declare(std::size_t type, std::size_t name, std::string called) {
+    scopes_.back().types[tokens_[name].text] = tokens_[type].text;
+    return scopes_.back().names[tokens_[name].text] = std::move(called);
+  }
   bool isLocal(const std::string& name) const {
     return scopes_.size() > 1 && std::any_of(scopes_.begin() + 1, scopes_.end(), [&](const Scope& s) { return s.names.contains(name); });
   }
@@ -356,7 +366,7 @@ class Translator {
     scopes_.emplace_back();
     if (const auto loop = counted(open, close, end); loop && emitted_ + loop->trips * (end - close) < kMostTokens) {
       for (std::size_t k = 0; k < loop->trips && emitted_ <= 4 * kMostTokens; ++k) {
-        put(i, (k == 0 ? "{ { const int " : "{ const int ") + declare(open + 2, renamed(loop->name)) + " = " +
+        put(i, (k == 0 ? "{ { const int " : "{ const int ") + declare(open + 1, open + 2, renamed(loop->name)) + " = " +
                    std::to_string(loop->first + static_cast<long>(k)) + ";");
         emit(close + 1, end);
         put(i, "}");
@@ -367,14 +377,18 @@ class Translator {
       while (first < close && !is(first, ";")) ++first;
       std::size_t second = first + 1;
       while (second < close && !is(second, ";")) ++second;
+      const bool declares = isDeclaration(first + 1);
       put(i, "{");
       emit(open + 1, first);
       put(i, "; for (;");
-      condition(i, first + 1, second);
+      if (!declares) condition(i, first + 1, second);
       put(i, ";");
       emit(second + 1, close);
       put(i, ")");
-      emit(close + 1, end);
+      if (declares)
+        declaredCondition(first + 1, second, close + 1, end);
+      else
+        emit(close + 1, end);
       put(i, "}");
     }
     scopes_.pop_back();
@@ -389,6 +403,20 @@ class Translator {
     else
       put(at, "true");
     put(at, ") && --stepsLeft__ >= 0");
+  }
+
+  bool isDeclaration(std::size_t i) const { return isType(i) && isName(i + 1); }
+
+  // while (bool more = n < 5): the variable is the body's, made anew each time, and where it is false the loop ends.
+  void declaredCondition(std::size_t begin, std::size_t end, std::size_t body, std::size_t bodyEnd) {
+    out_.bounded = true;
+    scopes_.emplace_back();
+    put(begin, "{");
+    emit(begin, end);
+    put(begin, "; if (!" + called(tokens_[begin + 1].text) + " || --stepsLeft__ < 0) break;");
+    emit(body, bodyEnd);
+    put(begin, "}");
+    scopes_.pop_back();
   }
 
   void emit(std::size_t begin, std::size_t end) {
@@ -410,10 +438,17 @@ class Translator {
         i = forLoop(i) - 1;
       } else if (t.text == "while") {
         const std::size_t close = closing(tokens_, i + 1);
-        put(i, "while (");
-        condition(i, i + 2, close);
-        put(i, ")");
-        i = close;
+        if (isDeclaration(i + 2)) {
+          const std::size_t after = statementEnd(close + 1);
+          put(i, "for (;;)");
+          declaredCondition(i + 2, close, close + 1, after);
+          i = after - 1;
+        } else {
+          put(i, "while (");
+          condition(i, i + 2, close);
+          put(i, ")");
+          i = close;
+        }
       } else if (t.text == "struct") {
         i = structure(i) - 1;
       } else if (t.text == "const" && (isType(i + 1) || isPrecision(tokens_[std::min(i + 1, end - 1)].text))) {
@@ -482,8 +517,39 @@ class Translator {
 
   // Of `.xz` at a dot, and of `.xyz.xz` as one; empty: it selects no components.
   std::vector<int> selected(std::size_t dot) const {
-    if (!isName(dot + 1) || members_.contains(tokens_[dot + 1].text)) return {};
+    if (!isName(dot + 1) || members_.contains(typeBefore(dot))) return {};
     return swizzle(tokens_[dot + 1].text).value_or(std::vector<int>());
+  }
+
+  // The struct that the expression before a dot, or an index, is one of, or an array of; otherwise anything else.
+  std::string typeBefore(std::size_t end) const {
+    if (end == 0) return {};
+    if (is(end - 1, "]")) return typeBefore(opening(end - 1));
+    if (is(end - 1, ")")) {
+      const std::size_t open = opening(end - 1);
+      if (open == 0) return {};
+      if (is(open - 1, "]")) return tokens_[opening(open - 1) - 1].text;  // Hit[2](a, b)
+      return isName(open - 1) && !is(open - 1, "return") ? resultOf(tokens_[open - 1].text) : typeBefore(end - 1);
+    }
+    if (!isName(end - 1)) return {};
+    const std::string& name = tokens_[end - 1].text;
+    if (end > 1 && is(end - 2, ".")) {
+      const auto of = members_.find(typeBefore(end - 2));
+      return of == members_.end() || !of->second.contains(name) ? std::string() : of->second.at(name);
+    }
+    for (auto scope = scopes_.rbegin(); scope != scopes_.rend(); ++scope)
+      if (const auto found = scope->types.find(name); found != scope->types.end()) return found->second;
+    return {};
+  }
+  // Of a function, or of a struct's constructor.
+  std::string resultOf(const std::string& name) const {
+    if (structs_.contains(name)) return name;
+    for (const TopLevel& item : items_)
+      if (item.what == TopLevel::What::kFunction && item.names[0] == name)
+        for (std::size_t i = item.begin; i < item.parameters; ++i)
+          if (structs_.contains(tokens_[i].text)) return tokens_[i].text;
+    const auto ofPrelude = preludeFunctions().find(name);
+    return ofPrelude == preludeFunctions().end() ? std::string() : ofPrelude->second;
   }
 
   // Whether the components that are selected up to `after` are assigned to, they or one of them: p.xz *= m, (p.xz)[0] = 1.0.
@@ -567,12 +633,12 @@ class Translator {
   std::string_view file_;
   const std::vector<Token>& tokens_;
   const std::vector<TopLevel>& items_;
-  std::set<std::string> structs_{"Place", "Corners"}, members_{"cell", "at", "slope", "height", "h00", "h10", "h01", "h11"}, wanted_;
-  std::set<std::string> functions_;
-  std::multimap<std::string, std::vector<bool>> written_{{"modf", {false, true}}};  // of each overload
-  std::set<std::size_t> handed_, assigned_;                                         // dots
+  std::set<std::string> structs_{"Place", "Corners"}, wanted_, functions_;
+  std::map<std::string, std::map<std::string, std::string>> members_{{"Place", {}}, {"Corners", {}}};  // of structs, and their types
+  std::multimap<std::string, std::vector<bool>> written_{{"modf", {false, true}}};                     // of each overload
+  std::set<std::size_t> handed_, assigned_;                                                            // dots
   struct Scope {
-    std::map<std::string, std::string> names;  // of variables, and in C++
+    std::map<std::string, std::string> names, types;  // of variables: in C++; without sizes
     bool isSwitch = false;
   };
   std::vector<Scope> scopes_;
