@@ -131,6 +131,10 @@ Answer respond(const Maker& maker, const Request& request, std::shared_ptr<sessi
                                 "; tileset.json names those there are.");
   asked->where.isPrivate = !session->resources().limits.sendsTerrain;
   auto ground = session->ground();
+  // A map that lies elsewhere (place=geo) begins in its middle, unless another place is asked for.
+  lattice::Point& middle = asked->where.middle;
+  if (const terrain::Raster* const map = ground.terrain->raster(); map && middle == lattice::Point{} && !map->shape().area().holds(middle))
+    middle = map->shape().middle();
   const std::string content = text::hexadecimal(session->hashOf(ground));
   Headers headers;
   if (!isRoot && asked->content == content) headers.emplace_back("Cache-Control", "private, max-age=86400, immutable");

@@ -281,6 +281,23 @@ TEST(Tiles, FillAFolderWithoutAServer) {
   validateGltf(files);
 }
 
+// Where the map's easting and northing are 0, a thousand kilometres away, there is nothing to see.
+TEST(Tiles, OfAMapThatLiesAtItsEastingAndNorthingBeginThere) {
+  ScratchFolder folder;
+  const std::string map = folder / "map.tif";
+  writeHills(map, 150, 100);
+  const auto rootOf = [&](const std::string& place, const std::string& query) {
+    const ServerProcess server(RIDGECAST_SERVER, {"--terrain", map, "--raster", "place=" + place});
+    const Response r = ask(server, kFolder + ("tileset.json?reach=1000&heights=ellipsoid" + query));
+    EXPECT_THAT(r.head, StartsWith("HTTP/1.1 200")) << r.body;
+    return Json::parse(r.body)["root"]["transform"].get<std::vector<double>>();
+  };
+  const std::vector<double> centred = rootOf("centre", ""), geo = rootOf("geo", ""), zero = rootOf("geo", "&x=0.01");
+  for (const std::size_t k : {12, 13, 14}) EXPECT_NEAR(geo.at(k), centred.at(k), 10) << "as far as a sample";
+  EXPECT_NEAR(geo.at(14), 4'660'000, 20'000) << "47 degrees north";
+  EXPECT_NEAR(zero.at(14), 0, 20'000) << "who asks for another place gets it";
+}
+
 // What the format's own library reads of it is what a server answers.
 TEST(Tiles, ForWebMapsFillOneFile) {
   if (!std::getenv("TESTS_NODE_TOOLS") || !programExists("node")) GTEST_SKIP() << "no node, or no TESTS_NODE_TOOLS with pmtiles";
