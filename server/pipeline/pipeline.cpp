@@ -67,8 +67,8 @@ settings::Figures Pipeline::iterate(const camera::Camera& camera) {
 
   // refine
   s.fitBudget();
-  s.search.begin(s.effective, s.isLimited());
-  const bool raised = s.search.isRaised();
+  s.searchBound.begin(s.effective, s.isLimited());
+  const bool raised = s.searchBound.isRaised();
   s.motion.follow(camera, selection.fromNothing);
   if (!still || selection.changed) s.lookAnew();
   refinement::View view = s.view();

@@ -50,19 +50,19 @@ void Motion::follow(const camera::Camera& now, bool fromNothing) {
 }
 
 // Errors lie close below the bound, where nothing was inserted: how close, only a step tells.
-void Search::lower() {
+void SearchBound::lower() {
   if (lowered_) step_ = std::min(1.25, 1 + 2 * (step_ - 1));
   lowered_ = isRaised();
-  bound_ = std::max(threshold_, bound_ / step_);
+  value_ = std::max(threshold_, value_ / step_);
 }
 
-void Search::raise(std::vector<double>& putOff, std::size_t room, double most) {
+void SearchBound::raise(std::vector<double>& putOff, std::size_t room, double most) {
   const bool lowered = std::exchange(lowered_, false);
   if (putOff.size() <= 3 * room) return;
   if (lowered) step_ = std::max(1.01, 1 + (step_ - 1) / 2);
   const auto next = putOff.begin() + static_cast<std::ptrdiff_t>(2 * room);
   std::nth_element(putOff.begin(), next, putOff.end(), std::greater());
-  bound_ = std::max(bound_, std::min(*next, most));
+  value_ = std::max(value_, std::min(*next, most));
 }
 
 Pipeline::State::State(std::shared_ptr<const terrain::Terrain> ground, const settings::Settings& granted,
@@ -127,7 +127,7 @@ void Pipeline::State::findWork(const refinement::View& view) {
       leaf.work.removalLimit = leaf.visible ? removal.inside : removal.outside;
       searches[k] = {leaf.region, leaf.visible, &leaf.work};
     }
-    mesh.mesh().findWork(std::span(searches).first(some.size()), view, search.bound());
+    mesh.mesh().findWork(std::span(searches).first(some.size()), view, searchBound.value());
   });
 }
 
@@ -136,13 +136,13 @@ void Pipeline::State::limitInsertions(const refinement::View& view) {
   for (const Leaf* leaf : mesh.leaves()) wanted += leaf->work.pending.size();
   const std::size_t budgeted = settings.triangleBudget > live ? (settings.triangleBudget - live) / 2 : 0,
                     room = std::min(insertionLimit, budgeted);
-  left = search.isRaised() ? search.bound() : 0;
-  if (wanted <= room) return search.lower();
+  left = searchBound.isRaised() ? searchBound.value() : 0;
+  if (wanted <= room) return searchBound.lower();
   std::vector<double> putOff = keepMostWanted(room, wanted, view);
   // What one iteration cannot hold comes next, and is not withheld.
   const bool forNow = isThesis() || (budgeted >= insertionLimit && !isLimited());
   if (!forNow) left = std::max(left, std::ranges::max(putOff));
-  if (isLimited() && room == insertionLimit) search.raise(putOff, room, kMostRaised * settings.threshold);
+  if (isLimited() && room == insertionLimit) searchBound.raise(putOff, room, kMostRaised * settings.threshold);
 }
 
 std::vector<double> Pipeline::State::keepMostWanted(std::size_t room, std::size_t wanted, const refinement::View& view) {

@@ -29,14 +29,14 @@ struct Motion {
 
 // How great errors must be to be looked for. While insertions are limited that is above the threshold, at what the limit cuts off: whatever
 // an iteration finds beyond its room is put off, and found and judged again. It changes seldom, for pages' next checks hold for one bound.
-class Search {
+class SearchBound {
  public:
-  double bound() const { return bound_; }
-  bool isRaised() const { return bound_ > threshold_; }
+  double value() const { return value_; }
+  bool isRaised() const { return value_ > threshold_; }
   // For the next iteration.
   void begin(double threshold, bool limited) {
     threshold_ = threshold;
-    bound_ = limited ? std::max(bound_, threshold) : threshold;
+    value_ = limited ? std::max(value_, threshold) : threshold;
   }
   // All that was found had room: down by a step that finds at most four times the room, as far as earlier steps tell.
   void lower();
@@ -44,7 +44,7 @@ class Search {
   void raise(std::vector<double>& putOff, std::size_t room, double most);
 
  private:
-  double threshold_ = 0, bound_ = 0, step_ = 1.25;
+  double threshold_ = 0, value_ = 0, step_ = 1.25;
   bool lowered_ = false;  // by the last iteration
 };
 
@@ -94,7 +94,7 @@ struct Pipeline::State {
   generation::CameraMesh mesh;
   std::size_t insertionLimit = kMostInsertions;
   double effective;  // threshold; above the granted one while the budget binds
-  Search search;
+  SearchBound searchBound;
   double fill = 0;         // of the budget
   double left = 0;         // the greatest error, as seen, of what the budget, or a limit to insertions, kept out
   std::uint32_t live = 0;  // triangles owned by leaves

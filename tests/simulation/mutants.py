@@ -191,6 +191,14 @@ MUTANTS = [
      "*reinterpret_cast<std::uint32_t*>(&progress->checked) += triangles;", "tsan snapshot_test"),
     ("server/refinement/candidates.cpp", "heights_.fetch_add(trials.size(), std::memory_order_relaxed);",
      "*reinterpret_cast<std::uint64_t*>(&heights_) += trials.size();", "tsan pipeline_test"),
+    # Limits to insertions, and what is fresh in a leaf.
+    ("server/pipeline/stages.cpp", "left = searchBound.isRaised() ? searchBound.value() : 0;", "left = 0;", "test settled_test"),
+    ("server/pipeline/pipeline.cpp", " && !raised", "", "test pipeline_test"),
+    ("server/refinement/screening.cpp", "    foldCandidate(checks_[page], screens_[page], regions_[region], c, view);\n", "",
+     "test refinement_test"),
+    ("server/refinement/adaptive_mesh.h", "    mesh_.vertexPages().setFresh(v);\n", "", "test encoding_test"),
+    ("server/encoding/held_points.cpp", "if (held.size() + list_.size() - known == surface.mesh->vertexCount(mesh.region(leaf)))",
+     "if (known <= held.size())", "test encoding_test"),
 ]
 
 

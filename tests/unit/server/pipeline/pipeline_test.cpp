@@ -396,6 +396,23 @@ TEST(Pipeline, ALimitedMeshIsNotSettledAndSettlesAsOthersDoOnceTheLimitGoes) {
   EXPECT_NEAR(settle(limited), triangles, triangles / 20.0);
 }
 
+// What is ahead is refined, what was behind is not: back again there is nothing to do, but only great errors have been looked for.
+TEST(Pipeline, IsNotSettledBeforeAllErrorsAreLookedForAgain) {
+  Rig rig(1, {.threshold = 1});
+  const auto looking = [&](double yaw) { return cameraAt(*rig.terrain, 1400, 3600, 150, yaw); };
+  for (int k = 0; k < 400 && (k == 0 || !rig.pipeline.settled()); ++k) rig.pipeline.iterate(looking(0));
+  rig.pipeline.setInsertionLimit(10);
+  for (int k = 0; k < 5; ++k) rig.pipeline.iterate(looking(3));
+  int idle = 0;
+  for (int k = 0; k < 400 && !rig.pipeline.settled(); ++k) {
+    const auto figures = rig.pipeline.iterate(looking(0));
+    if (rig.pipeline.settled()) EXPECT_EQ(figures.effectiveThreshold, 1);
+    idle += figures.effectiveThreshold > 1 && figures.inserted + figures.removed == 0;
+  }
+  EXPECT_TRUE(rig.pipeline.settled());
+  EXPECT_GT(idle, 2);
+}
+
 // The height of the mesh above a place, in steps, from what a client is sent; nothing where there is none.
 std::optional<double> heightOf(const std::vector<mesh::LeafMesh>& meshes, const lattice::Vertex& p) {
   for (const mesh::LeafMesh& leaf : meshes) {
