@@ -54,8 +54,8 @@ TEST_F(WindowClock, KeysDriveItWhileItIsShown) {
   press({"z"});
   ASSERT_TRUE(hears([](const wire::Clock& said) { return said.mode == wire::ClockMode::kStepped; }));
   const std::uint64_t before = onlooker_->clock().said().time;
-  press({"0"});
-  EXPECT_TRUE(hears([&](const wire::Clock& said) { return said.time == before + 10'000'000; }));
+  press({"0"});  // ten seconds from what it shows: where it draws slowly, it has not heard yet at which moment the clock stood still
+  EXPECT_TRUE(hears([&](const wire::Clock& said) { return said.time > before + 5'000'000 && said.time < before + 15'000'000; }));
   press({"9"});
   EXPECT_TRUE(says("Time goes back only in recordings.")) << viewer_->output();
   press({"semicolon"});  // what it goes on with
