@@ -20,8 +20,8 @@ namespace ridgecast::encoding {
 class HeldPoints {
  public:
   // The payload of an iteration, after which the client holds the mesh's points. `changes`: for a client that follows points. `news`
-  // becomes the points that it did not have, or with another height, in the payload's order, and the level of the square of each. Takes what
-  // is fresh in the mesh: of one mesh, one client's points.
+  // becomes the points that it did not have, or with another height, in the payload's order, and the level of the square of each. Takes
+  // what is fresh in the mesh: of one mesh, one client's points.
   struct News {
     std::vector<lattice::Vertex> points;
     std::vector<int> levels;
