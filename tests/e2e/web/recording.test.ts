@@ -29,8 +29,10 @@ test.after(async () => {
 test('onlookers of a recorded flight drive its clock', async () => {
   const recorded = await Server.start(['--record', folder]);
   servers.push(recorded);
+  const begun = Date.now();
   const flier = await Viewer.open(browser, `${recorded.http}/${PLACE}&name=Ada`);
   const start = await flier.until('connected', (r) => r.connected && r.figures !== undefined);
+  await sleep(Math.max(0, 11_000 - (Date.now() - begun))); // it ends with what happens last, and goes back by ten seconds
   await flier.page.keyboard.down('KeyW');
   await flier.until('200 m on', (r) => Math.hypot(r.pose.x - start.pose.x, r.pose.z - start.pose.z) > 200 * 256);
   await flier.page.keyboard.up('KeyW');
@@ -81,11 +83,11 @@ test('onlookers of a recorded flight drive its clock', async () => {
   await shows('clock-pause', /^Again$/);
 
   // Back: the ground is that of then, and it stands as before.
-  await back((r) => r.clock <= length * 1e6 - 9e6 || r.clock === 1, () => page.keyboard.press('Digit9'));
+  await back((r) => r.clock <= length * 1e6 - 9e6 && r.clock > 1e5, () => page.keyboard.press('Digit9'));
   await stands();
-  const begun = await back((r) => r.clock === 1e5 && r.figures?.edit === 0, () => page.fill('#clock-slider', '0.1'));
+  const first = await back((r) => r.clock === 1e5 && r.figures?.edit === 0, () => page.fill('#clock-slider', '0.1'));
   await stands();
-  assert.equal(begun.others.length, 0);
+  assert.equal(first.others.length, 0);
   for (let k = 0; k < 4; ++k) await page.keyboard.press('Quote');
   await shows('clock-rate', /^4 x$/);
   await page.keyboard.press('KeyZ');
