@@ -46,7 +46,7 @@ struct Drawer {
   render::Drawing drawing;
   render::Renderer renderer;
   static Outcome<Drawer> create(const wire::World& world, bool remoteShaders) {
-    if (render::compilesForeignText(world, remoteShaders))
+    if (render::compilesText(world, remoteShaders))
       std::fprintf(stderr, "the graphics driver compiles terrain %s; a software driver may take a minute\n", world.terrainName.c_str());
     auto drawing = render::drawingOf(world, remoteShaders);
     auto renderer = render::createOrNeutral(world, drawing, render::Renderer::create);

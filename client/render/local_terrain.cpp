@@ -25,9 +25,15 @@ bool isRasterText(const wire::World& world) { return world.heightMap && world.te
 
 }  // namespace
 
-bool compilesForeignText(const wire::World& world, bool remoteShaders) {
-  if (world.terrainSource.empty() || world.shadedVertices || builtInOf(world)) return false;
-  return remoteShaders || isRasterText(world);
+bool compilesText(const wire::World& world, bool remoteShaders) {
+  if (builtInOf(world)) return true;
+  return !world.terrainSource.empty() && !world.shadedVertices && (remoteShaders || isRasterText(world));
+}
+
+Drawing drawingMeanwhile(const wire::World& world) {
+  Drawing out = neutralDrawing(world, "the graphics driver compiles " + world.terrainName);
+  out.terrain = builtInOf(world);
+  return out;
 }
 
 Drawing drawingOf(const wire::World& world, bool remoteShaders) {

@@ -13,7 +13,7 @@ namespace ridgecast::render {
 
 struct Drawing {
   TerrainText text;                                 // for the shaders; neutral: mesh normals and a ramp of heights, no ray march
-  std::shared_ptr<const terrain::Terrain> terrain;  // null if neutral; otherwise see gpuTerrain for the thread that may call it
+  std::shared_ptr<const terrain::Terrain> terrain;  // null: not known here; see gpuTerrain for the thread that may call it
   std::shared_ptr<scene::HeightWindow> window;      // of a height map: the same terrain, to be fed with tiles; otherwise null
   std::string why;                                  // if neutral: one sentence for people
 };
@@ -23,9 +23,11 @@ struct Drawing {
 // from its shape and used if it equals the server's; its heights come as tiles. A private terrain's colours come with the vertices. Needs a
 // current context.
 Drawing drawingOf(const wire::World& world, bool remoteShaders);
-// Whether drawingOf() hands the driver text that it may never have seen. Compiling that may take seconds, on a software driver a minute.
-bool compilesForeignText(const wire::World& world, bool remoteShaders);
-// The fallback when the driver rejects the text in a later pass: `why` is its message.
+// Whether drawingOf() hands the driver a terrain's text. Compiling that may take seconds, on a software driver a minute.
+bool compilesText(const wire::World& world, bool remoteShaders);
+// Neutral, until the driver has compiled it; a built-in terrain's ground is known.
+Drawing drawingMeanwhile(const wire::World& world);
+// The fallback when the driver rejects the text in a later pass: `why` is its message. No ground is known.
 Drawing neutralDrawing(const wire::World& world, const std::string& why);
 
 // Returns create(drawing.text). If the driver rejects a terrain's text, returns what draws the mesh without it; `drawing` is then the

@@ -10,7 +10,7 @@ namespace ridgecast::render {
 
 void warm(const wire::World& world) {
   const Drawing drawing = drawingOf(world, true);
-  if (!drawing.terrain) return;
+  if (drawing.text.neutral) return;
   auto renderer = Renderer::create(drawing.text);
   if (!renderer) return;
   View view;

@@ -19,7 +19,7 @@ class Compiling {
   ~Compiling();  // waits for the driver, which cannot be stopped: to end at once, end the process (abandon())
   Compiling(const Compiling&) = delete;
 
-  bool done() const { return done_; }
+  bool done() const { return done_; }  // posts an event once it is
   // "compiling dunes's colours for the graphics driver, 12 s"
   std::string describe() const;
   // Ends the process with this exit code, whatever the driver does.

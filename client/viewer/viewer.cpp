@@ -97,13 +97,12 @@ void show(const Remembered& remembered, ViewerState& state) {
   std::snprintf(state.panel.name.data(), state.panel.name.size(), "%s", remembered.name.c_str());
 }
 
-// What show() would show again, and the place left. `before`: of what a world without a ray march does not let one choose.
-Remembered toRemember(const Remembered& before, const ViewerState& state, const Window& window, const WorldWindow::Ending& ending,
-                      bool canMarch) {
+// What show() would show again, and the place left.
+Remembered toRemember(const Remembered& before, const ViewerState& state, const Window& window, const WorldWindow::Ending& ending) {
   Remembered out;
   std::tie(out.width, out.height) = window.size();
   out.speed = ending.place.speed;
-  out.mode = canMarch ? state.mode : before.mode;
+  out.mode = state.mode;
   out.divider = state.divider;
   out.figures = state.figures;
   out.plots = state.plots;
@@ -156,9 +155,8 @@ int view(const ViewOptions& given) {
   for (;; state.leaveWorld()) {
     const wire::World& world = link->client->world();
     if (std::exchange(session, world.session) != world.session && !std::exchange(isAsked, false)) start.at = world.onMap(start.at);
-    Compiling* const compiling = render::compilesForeignText(world, options.remoteShaders) ? &compiled.emplace_back(world) : nullptr;
-    auto drawing = compiling ? render::neutralDrawing(world, "the graphics driver compiles " + world.terrainName)
-                             : render::drawingOf(world, options.remoteShaders);
+    const Compiling* const compiling = render::compilesText(world, options.remoteShaders) ? &compiled.emplace_back(world) : nullptr;
+    auto drawing = compiling ? render::drawingMeanwhile(world) : render::drawingOf(world, options.remoteShaders);
     auto passes = render::createOrNeutral(world, drawing, Passes::create);
     if (!drawing.why.empty()) std::fprintf(stderr, "%s%s\n", compiling ? "" : "warning: ", drawing.why.c_str());
     if (!passes) return fail(kNoGraphics, passes.error());
@@ -169,7 +167,7 @@ int view(const ViewOptions& given) {
       return inside.run(began);
     }();
     if (file) {
-      const auto kept = keepChanges(*file, first, toRemember(first, state, **window, ending, drawing.terrain != nullptr));
+      const auto kept = keepChanges(*file, first, toRemember(first, state, **window, ending));
       if (!kept) std::fprintf(stderr, "warning: %s\n", kept.error().message.c_str());
     }
     if (!ending.next) {

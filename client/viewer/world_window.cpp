@@ -55,10 +55,11 @@ WorldWindow::WorldWindow(const ViewOptions& options, const Start& start, Window&
       start_(start),
       placed_(ground_.height(start.at) ? std::nullopt : std::optional(controls_.pose())),
       compiling_(compiling),
-      modeBefore_(state.mode),
+      canMarch_(!drawing.text.neutral),
+      wanted_(state.mode),
       path_(options.path) {
   state.motion.following = path_.has_value();
-  if (!ground_.hasFunction()) state.mode = Mode::kMesh;
+  if (!canMarch_) state.mode = Mode::kMesh;
 }
 
 WorldWindow::Ending WorldWindow::run(Clock::time_point began) {
@@ -88,6 +89,7 @@ WorldWindow::Ending WorldWindow::run(Clock::time_point began) {
   }
   ending.where = sessionAt(stream_.url());
   ending.place = place();
+  state_.mode = wanted_;
   if (!ending.next && stream_.lost()) {
     std::fprintf(stderr, "ridgecast-client: closed without a connection to the server\n");
     ending.code = 1;
@@ -99,7 +101,7 @@ WorldWindow::Ending WorldWindow::run(Clock::time_point began) {
 std::vector<Action> WorldWindow::actions() {
   ViewerState& s = state_;
   const auto toggle = [](bool& what) { return [&what] { what = !what; }; };
-  const auto show = [&s](Mode mode) { return [&s, mode] { s.mode = mode; }; };
+  const auto show = [this](Mode mode) { return [this, mode] { this->show(mode); }; };
   const auto cycle = [](auto& what, int count) {
     return [&what, count] { what = static_cast<std::decay_t<decltype(what)>>((static_cast<int>(what) + 1) % count); };
   };
@@ -124,7 +126,7 @@ std::vector<Action> WorldWindow::actions() {
           {"march", show(Mode::kMarch)},
           {"split", show(Mode::kSplit)},
           {"difference", show(Mode::kDifference)},
-          {"", cycle(s.mode, 4), GLFW_GAMEPAD_BUTTON_X},
+          {"", [this] { this->show(static_cast<Mode>((static_cast<int>(state_.mode) + 1) % 4)); }, GLFW_GAMEPAD_BUTTON_X},
           {"wireframe", toggle(s.lines.wireframe), GLFW_GAMEPAD_BUTTON_Y},
           {"leaves", cycle(s.lines.borders, 3), GLFW_GAMEPAD_BUTTON_BACK},
           {"frozen", [this] { toggleFrozen(); }, GLFW_GAMEPAD_BUTTON_LEFT_THUMB},
@@ -149,6 +151,14 @@ BrushHands WorldWindow::brushHands() {
             editor_.click(camera(), {x, y});
           },
           [this] { editor_.endRoad(); }, [this](double notches) { editor_.widen(notches); }};
+}
+
+void WorldWindow::show(Mode mode) {
+  wanted_ = mode;
+  if (canMarch_ || mode == Mode::kMesh)
+    state_.mode = mode;
+  else
+    state_.tell(compiling_ ? "the ray march is shown once the driver has compiled it" : "there is no ray march of this terrain here");
 }
 
 void WorldWindow::toggleEditing() {
@@ -335,7 +345,9 @@ Outcome<void> WorldWindow::watchCompiling() {
   if (!passes) return passes.error();
   ground_.know(drawing);
   pictures_.emplace(std::move(*passes));
-  if (ground_.hasFunction() && state_.mode == Mode::kMesh) state_.mode = modeBefore_;
+  canMarch_ = !drawing.text.neutral;
+  if (!canMarch_) return {};
+  state_.mode = wanted_;
   state_.tell("drawn with " + world.terrainName + "'s own colours");
   std::fprintf(stderr, "%s\n", state_.hint.c_str());
   return {};

@@ -43,6 +43,7 @@ class WorldWindow {
 
   std::vector<Action> actions();
   BrushHands brushHands();
+  void show(Mode mode);
   void toggleEditing();
   void goBack();
   void quit();
@@ -84,7 +85,8 @@ class WorldWindow {
   const Start start_;
   std::optional<camera::Pose> placed_;  // there, while the height of the ground is not known
   const Compiling* compiling_;
-  Mode modeBefore_;
+  bool canMarch_;
+  Mode wanted_;  // what the user wants to see, once there is a ray march
   std::optional<PathRecorder> recorder_;
   std::optional<camera::Path> path_;
   Clock::time_point pathBegan_ = Clock::now(), presentedAt_{}, countedSince_ = Clock::now();

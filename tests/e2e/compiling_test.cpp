@@ -20,6 +20,19 @@ using namespace testing_support;
 
 class Window : public WindowTest {};
 
+const Environment kUncached{{"MESA_SHADER_CACHE_DISABLE", "true"}};
+
+// Of red, over a row below the horizon.
+double range(const render::Picture& picture) {
+  double least = 255, most = 0;
+  for (std::uint32_t column = 0; column < picture.width; column += 4) {
+    const double v = picture.rgb[3 * (std::size_t{140} * picture.width + column)];
+    least = std::min(least, v);
+    most = std::max(most, v);
+  }
+  return most - least;
+}
+
 TEST_F(Window, ATerrainThatTheDriverRejectsIsToldAndTheMeshIsStillShown) {
   // Sound for itself, and so for the server; but the ray march has a function of this name already.
   std::string text = readText(RIDGECAST_PATHS "/../../../common/terrain/tutorial/dunes.glsl");
@@ -33,14 +46,7 @@ TEST_F(Window, ATerrainThatTheDriverRejectsIsToldAndTheMeshIsStillShown) {
   EXPECT_NE(viewer_->output().find("neutral colours", viewer_->output().find("marchGap")), std::string::npos) << viewer_->output();
   press({"f"});
   std::this_thread::sleep_for(1s);
-  const render::Picture mesh = rested();
-  double least = 255, most = 0;
-  for (std::uint32_t column = 0; column < mesh.width; column += 4) {
-    const double v = mesh.rgb[3 * (std::size_t{140} * mesh.width + column)];
-    least = std::min(least, v);
-    most = std::max(most, v);
-  }
-  EXPECT_GT(most - least, 10) << "no landscape";
+  EXPECT_GT(range(rested()), 10) << "no landscape";
   close();
 }
 
@@ -119,17 +125,28 @@ TEST_F(Window, WhileTheDriverCompilesTheMeshIsThereAndTheWindowCloses) {
   text.insert(body, "  Place p = widestPlace(cell, fraction);\n  float c = 0.3;\n" + more + "  if (c > 0.9) return vec3(c);\n");
   std::ofstream(folder_ / "slow.glsl") << text;
   ServerProcess server(RIDGECAST_SERVER, {"--terrain", (folder_ / "slow.glsl").string(), "--terrain-cache", (folder_ / "cache").string()});
-  const Environment uncached{{"MESA_SHADER_CACHE_DISABLE", "true"}};
-  open({"--threshold", "50"}, server.url(), uncached);
-  ASSERT_TRUE(opened()) << viewer_->output();
+  open({"--threshold", "50"}, server.url(), kUncached);
+  ASSERT_TRUE(appeared()) << viewer_->output();
   quit();
   EXPECT_EQ(viewer_->wait(300s), 0) << viewer_->output();
   EXPECT_NE(viewer_->output().find("the graphics driver compiles slow"), std::string::npos) << viewer_->output();
   EXPECT_EQ(viewer_->output().find("own colours"), std::string::npos) << "it was closed too late for this test: " << viewer_->output();
 
-  open({"--threshold", "50"}, server.url(), uncached);
+  open({"--threshold", "50"}, server.url(), kUncached);
   ASSERT_TRUE(opened()) << viewer_->output();
   EXPECT_TRUE(says("drawn with slow's own colours")) << viewer_->output();
+  close();
+}
+
+TEST_F(Window, ABuiltInTerrainIsThereBeforeTheDriverKnowsIt) {
+  ServerProcess server(RIDGECAST_SERVER);
+  open({"--threshold", "20"}, server.url(), kUncached);
+  ASSERT_TRUE(appeared()) << viewer_->output();
+  EXPECT_TRUE(shows([](const render::Picture& picture) { return range(picture) > 10; })) << "no landscape";
+  EXPECT_FALSE(drawn()) << "this came too late: " << viewer_->output();
+  press({"2"});  // the ray march, once there is one
+  EXPECT_TRUE(says("drawn with alpine's own colours")) << viewer_->output();
+  EXPECT_GT(range(rested()), 10);
   close();
 }
 

@@ -145,7 +145,7 @@ TEST_F(Window, AnotherWorldIsEnteredByTypingItsNameAndIsTheOneThatEverybodySees)
   EXPECT_EQ(compare(alpine, rested()).mean, 0);
   enter("canyon", "7");
   ASSERT_TRUE(says("viewing canyon, seed 7")) << viewer_->output();
-  std::this_thread::sleep_for(1s);
+  ASSERT_TRUE(says("drawn with canyon's own colours")) << viewer_->output();
   const render::Picture canyon = rested();
   EXPECT_GT(compare(alpine, canyon).moved, 0.2);
   press({"1"});
