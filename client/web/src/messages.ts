@@ -164,13 +164,10 @@ export type ToPainter =
   | { kind: 'size'; width: number; height: number } // pixels of the canvas
   | { kind: 'pose'; pose: Pose; verticalFov: number; rests: boolean } // rests: nobody moves it now
   | { kind: 'look'; look: Look }
-  | { kind: 'ground'; pose: Pose } // asks for the terrain's height there
   | { kind: 'picture' }; // asks for a PNG of what is shown
 
 export type FromPainter =
-  | { kind: 'ready' } // pictures can be drawn; said once, before anything else
   | { kind: 'problem'; sentence: string; fatal: boolean } // fatal: no picture will be drawn any more
-  | { kind: 'ground'; metres: number | undefined } // nothing: it has no functions of the terrain
   // `messages` of the page and `changes` of the engine were heard before.
   | { kind: 'frames'; perSecond: number; coarseness: number; corrected: boolean; milliseconds: number; finest: boolean; messages: number; changes: number }
   | { kind: 'picture'; png: Blob };

@@ -90,6 +90,7 @@ export class Engine {
       case 'hurry':
         return this.stream?.hurry();
       case 'stop':
+        ++this.starts; // also of one that has not begun
         return this.stream?.close();
     }
   }

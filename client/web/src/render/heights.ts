@@ -1,4 +1,4 @@
-// What the terrain's own functions say of the ground of one world: the height somewhere, and between which heights the ray march has to look.
+// Between which heights the ray march of one world has to look, by the terrain's own functions.
 
 import { FloatType, NearestFilter, RGBAFormat, WebGLRenderTarget, type WebGLRenderer } from 'three';
 import type { Edits } from './edits';
@@ -20,11 +20,6 @@ export class Heights {
     private readonly edits: Edits,
     private readonly horizon: number,
   ) {}
-
-  /** Metres; nothing where the terrain's functions are not to be had. */
-  async at(pose: Pose): Promise<number | undefined> {
-    return (await this.around(pose, 1, 0))?.[0];
-  }
 
   get boundsAreKnown(): boolean {
     return this.bounds !== undefined;

@@ -11,7 +11,7 @@ import { Leaves } from './leaves';
 import { MarchPane, MeshPane, Pane, Tools } from './panes';
 import { Presenter, Size } from './presenter';
 import { Programs } from './programs';
-import { Pose, View, ViewUniforms } from './view';
+import { View, ViewUniforms } from './view';
 import { WorldPrograms } from './world_programs';
 
 const STEP_BUDGET = 25, LEAST_BUDGET = 17; // ms of work that is given to the card in a frame, and that a pane is begun with
@@ -53,7 +53,7 @@ export class Painter {
   private drawing: { programs: WorldPrograms; heights: Heights } | undefined;
   private look: Look = { mode: 'mesh', divider: 0.5, wireframe: false, nodes: false, candidates: false, corrected: true };
   private eye: Pick<View, 'pose' | 'verticalFov' | 'rests'> | undefined;
-  private readonly wanted = { size: { width: 1, height: 1 } as Size, resize: false, picture: false, ground: undefined as Pose | undefined };
+  private readonly wanted = { size: { width: 1, height: 1 } as Size, resize: false, picture: false };
   private readonly turn = { scheduled: false, marchIsNext: false, shownOf: '' }; // in 'split' panes take turns; the look and the pictures that are shown
   private readonly told = { frames: 0, coarseness: 0, at: performance.now() };
   private readonly heard = { messages: 1, changes: 0 };
@@ -80,7 +80,6 @@ export class Painter {
     void this.neutral.compile(['shade'], this.renderer); // before the world arrives
     canvas.addEventListener('webglcontextlost', () => this.problem('The graphics card was taken away from this page (its driver restarted, or memory ran out). Reload the page.', true));
     engine.onmessage = (event: MessageEvent<ToPainterFromEngine>) => this.hearEngine(event.data);
-    tell({ kind: 'ready' });
   }
 
   /** What the page says. */
@@ -96,9 +95,6 @@ export class Painter {
         break;
       case 'look':
         this.look = message.look;
-        break;
-      case 'ground':
-        this.wanted.ground = message.pose;
         break;
       case 'picture':
         this.wanted.picture = true;
@@ -162,7 +158,7 @@ export class Painter {
       setTimeout(() => this.frame(), 3);
       return;
     }
-    this.lookAtHeights();
+    this.lookAtBounds();
     this.compileMore();
     if (!this.eye || (!this.leaves.areThere && !this.mesh.shown && !this.shows(this.march))) return;
     this.resize();
@@ -176,12 +172,8 @@ export class Painter {
     if (more || this.wanted.resize) this.schedule();
   }
 
-  private lookAtHeights(): void {
-    const { heights } = this.drawing!, { ground } = this.wanted;
-    if (ground) {
-      this.wanted.ground = undefined;
-      void heights.at(ground).then((metres) => this.tell({ kind: 'ground', metres }));
-    }
+  private lookAtBounds(): void {
+    const { heights } = this.drawing!;
     if (this.eye && this.shows(this.march) && heights.boundsAreDue(this.eye.pose)) void heights.findBounds(this.eye.pose).finally(() => this.schedule());
   }
 

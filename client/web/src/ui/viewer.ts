@@ -2,7 +2,7 @@
 // shown. Nothing here takes long: what does runs in the two workers.
 
 import type { FromEngine, FromPainter, Look, Mode, WorldTold } from '../messages';
-import type { Pose } from '../render/view';
+import { type Pose, STEPS_PER_METRE } from '../render/view';
 import { Clock } from './clock';
 import { Divider } from './divider';
 import { Editor } from './editor';
@@ -23,12 +23,14 @@ import { World, Worlds } from './worlds';
 const VERTICAL_FOV = Math.PI / 3;
 const MAX_PIXELS = 2.5e6; // of the canvas; more are not worth their time
 const UNKNOWN_GROUND = 3000; // metres
+const PATIENCE = 2000; // ms, for the height of the ground
 const BRIEFLY = 500; // ms: shorter losses are not told of
 
 function pixels(): { width: number; height: number } {
   const ratio = Math.min(devicePixelRatio || 1, Math.sqrt(MAX_PIXELS / Math.max(1, innerWidth * innerHeight)));
   return { width: Math.max(1, Math.round(innerWidth * ratio)), height: Math.max(1, Math.round(innerHeight * ratio)) };
 }
+const lens = (): { verticalFov: number; width: number; height: number } => ({ verticalFov: VERTICAL_FOV, ...pixels() });
 const sentenceOf = (error: unknown): string => (error instanceof Error ? error.message : String(error));
 
 export class Viewer {
@@ -53,8 +55,8 @@ export class Viewer {
     this.setLook();
   });
   private token: string;
-  private ground: 'known' | 'wanted' | 'of the mesh'; // the height at the start: of the mesh where the terrain's own is not to be had
-  private mayConnect = false; // pictures can be drawn: no painter, no connection
+  private ground: 'known' | 'wanted' | 'of the mesh'; // the height at the start: of the mesh where the server does not say
+  private draws = true; // a page that does not is no member of a session
   private losing = 0; // timer: a recording that begins again is back at once
   private makingSince = 0; // when a world was asked for that the server may have to compile; 0: none is waited for
   private readonly frames = { last: performance.now(), savedAt: 0, speed: 0 }; // the last; when the address was brought up to date; the speed shown
@@ -88,7 +90,7 @@ export class Viewer {
     this.painter.send({ kind: 'begin', canvas, engine: port2 }, [canvas, port2]);
     this.resize();
     this.setLook();
-    if (this.ground === 'wanted') this.wantGround();
+    this.connect(); // the driver may take a second to begin
     requestAnimationFrame((now) => this.frame(now));
     setInterval(() => {
       this.showStatistics();
@@ -176,15 +178,15 @@ export class Viewer {
 
   /** Begins, or begins again; the mesh that is held is kept. */
   private connect(): void {
-    if (!this.mayConnect) return;
+    if (!this.draws) return;
     this.makingSince = this.place.terrain ? performance.now() : 0;
     this.notices.noProblem();
     this.engine.send({ kind: 'start', url: this.streamUrl(), settings: { threshold: this.place.threshold ?? 0, candidates: 0 }, token: this.token, name: this.people.ownName });
   }
 
-  /** For good: a page that draws nothing is no member of a session. */
+  /** For good. */
   private fail(title: string, sentence: string): void {
-    this.mayConnect = false;
+    this.draws = false;
     this.engine.send({ kind: 'stop' });
     this.notices.fatal(title, sentence);
   }
@@ -235,6 +237,7 @@ export class Viewer {
     this.toolbar.showThreshold(threshold);
     if (map && this.place.isAnywhere) this.goOnto(map);
     this.place.isAnywhere = false;
+    void this.askGround();
   }
 
   private async edit(): Promise<void> {
@@ -262,13 +265,8 @@ export class Viewer {
 
   private hearPainter(message: FromPainter): void {
     switch (message.kind) {
-      case 'ready':
-        this.mayConnect = true;
-        return this.connect();
       case 'problem':
         return message.fatal ? this.fail('No pictures', message.sentence) : this.notices.note(message.sentence, 12_000);
-      case 'ground':
-        return message.metres === undefined ? this.beginHigh() : this.beginAbove(message.metres);
       case 'picture':
         this.keep(message.png, 'png');
         return this.notices.note('The picture is saved in your downloads.');
@@ -374,9 +372,10 @@ export class Viewer {
     if (next.token) this.token = next.token;
     this.look.mode = next.mode;
     this.setLook();
-    if (!Number.isFinite(next.pose.y)) this.wantGround();
-    if (elsewhere) this.connect();
-    else if (finer) this.engine.send({ kind: 'threshold', pixels: next.threshold ?? 0 }); // 0: the server's own
+    if (!Number.isFinite(next.pose.y)) this.ground = 'wanted';
+    if (elsewhere) return this.connect();
+    void this.askGround();
+    if (finer) this.engine.send({ kind: 'threshold', pixels: next.threshold ?? 0 }); // 0: the server's own
   }
 
   /** Where somebody types to go; false: that is no place. A place without a world is in this one. */
@@ -401,24 +400,33 @@ export class Viewer {
     const { pose } = this.flying;
     if (pose.x >= x0 && pose.x < x1 && pose.z >= z0 && pose.z < z1) return;
     this.flying.pose = { ...pose, x: Math.floor((x0 + x1) / 2), z: Math.floor((z0 + z1) / 2) };
-    this.wantGround();
+    this.ground = 'wanted';
   }
 
-  private wantGround(): void {
-    this.ground = 'wanted';
-    this.painter.send({ kind: 'ground', pose: { ...this.flying.pose, y: 0 } });
+  private async groundAt({ x, z }: Pose): Promise<number | undefined> {
+    const session = encodeURIComponent(this.engine.world?.session ?? this.place.session), at = `${x / STEPS_PER_METRE},${z / STEPS_PER_METRE}`;
+    try {
+      const answer = await fetch(`./v1/heights?session=${session}&at=${at}`, { headers: this.authorization(), signal: AbortSignal.timeout(PATIENCE) });
+      return answer.ok ? ((await answer.json()) as { heights: number[] }).heights[0] : undefined;
+    } catch {
+      return undefined;
+    }
   }
-  /** Looks from far above until the mesh says where the ground is. */
-  private beginHigh(): void {
+  /** Of the server. Where it does not say, the page looks from far above until the mesh says where the ground is. */
+  private async askGround(): Promise<void> {
     if (this.ground !== 'wanted') return;
+    const { pose } = this.flying, metres = await this.groundAt(pose);
+    if (pose !== this.flying.pose) return;
+    if (metres !== undefined) return this.beginAbove(metres);
     this.ground = 'of the mesh';
-    this.flying.pose = { ...this.flying.pose, y: UNKNOWN_GROUND };
+    this.flying.pose = { ...pose, y: UNKNOWN_GROUND };
   }
   /** The start is given above the ground, whose height was not known until now. */
   private beginAbove(metres: number): void {
     if (this.ground === 'known') return;
     this.ground = 'known';
     this.flying.pose = { ...this.flying.pose, y: metres + this.place.altitude };
+    this.engine.look(this.flying.pose, lens(), performance.now()); // frames may be rare while the driver begins
   }
 
   // ---- frames ----
@@ -431,11 +439,11 @@ export class Viewer {
     if (this.ground === 'wanted') return;
     this.flying.step(input, seconds, this.engine.ground);
     this.showSpeed();
-    const { pose } = this.flying, lens = { verticalFov: VERTICAL_FOV, ...pixels() };
+    const { pose } = this.flying;
     this.painter.look(pose, VERTICAL_FOV);
-    this.engine.look(pose, lens, now);
+    this.engine.look(pose, lens(), now);
     this.saveAddress(pose, now);
-    this.members.draw({ pose, ...lens }, innerWidth, innerHeight);
+    this.members.draw({ pose, ...lens() }, innerWidth, innerHeight);
     this.people.draw(pose);
     this.clock.draw();
     this.editor.draw({ pose, verticalFov: VERTICAL_FOV, width: innerWidth, height: innerHeight }, this.engine.figures?.changes ?? 0);
