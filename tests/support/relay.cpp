@@ -32,26 +32,26 @@ sockaddr_in loopback(std::uint16_t port) {
   return address;
 }
 
-// One way of one connection.
-struct Way {
-  struct Chunk {
-    Clock::time_point due;
-    std::string bytes;
-  };
-  std::deque<Chunk> line;
-  std::size_t waiting = 0;
-  Clock::time_point lastDue{}, sent{};  // `sent`: when the line's sender has put everything on it
-  bool ended = false;                   // nothing more comes
-};
-
-struct Pair {
-  int client = -1, server = -1;
-  Way up, down;
-};
-
 }  // namespace
 
 struct Relay::Impl {
+  // One way of one connection.
+  struct Way {
+    struct Chunk {
+      Clock::time_point due;
+      std::string bytes;
+    };
+    std::deque<Chunk> line;
+    std::size_t waiting = 0;
+    Clock::time_point lastDue{};
+    bool ended = false;  // nothing more comes
+  };
+
+  struct Pair {
+    int client = -1, server = -1;
+    Way up, down;
+  };
+
   Line line;
   std::uint16_t target = 0, port = 0;
   int listener = -1;
@@ -59,6 +59,7 @@ struct Relay::Impl {
   std::atomic<bool> ends{false}, breaks{false}, held{false};
   std::atomic<std::uint64_t> down{0};
   std::list<Pair> pairs;
+  Clock::time_point upSent{}, downSent{};  // when all that was put on the line has left
   std::minstd_rand random{7};
   std::thread thread;
 
@@ -73,7 +74,7 @@ struct Relay::Impl {
     if (::write(wakeup[1], &byte, 1) < 0) return;
   }
 
-  void receive(int from, Way& way) {
+  void receive(int from, Way& way, Clock::time_point& sent) {
     char bytes[16384];
     const auto n = ::recv(from, bytes, sizeof bytes, MSG_DONTWAIT);
     if (n < 0 && (errno == EAGAIN || errno == EWOULDBLOCK)) return;
@@ -82,13 +83,12 @@ struct Relay::Impl {
       return;
     }
     const auto now = Clock::now();
-    way.sent = std::max(way.sent, now);
+    sent = std::max(sent, now);
     if (line.bytesPerSecond)
-      way.sent +=
-          std::chrono::nanoseconds(static_cast<std::int64_t>(1e9 * static_cast<double>(n) / static_cast<double>(line.bytesPerSecond)));
+      sent += std::chrono::nanoseconds(static_cast<std::int64_t>(1e9 * static_cast<double>(n) / static_cast<double>(line.bytesPerSecond)));
     const auto jitter = line.jitter.count() ? std::chrono::microseconds(random() % static_cast<unsigned>(line.jitter.count()))
                                             : std::chrono::microseconds(0);
-    way.lastDue = std::max(way.lastDue, way.sent + line.delay + jitter);
+    way.lastDue = std::max(way.lastDue, sent + line.delay + jitter);
     way.line.push_back({way.lastDue, std::string(bytes, static_cast<std::size_t>(n))});
     way.waiting += static_cast<std::size_t>(n);
   }
@@ -161,8 +161,8 @@ struct Relay::Impl {
       }
       std::size_t k = 2;
       for (auto it = pairs.begin(); it != pairs.end();) {
-        if (polled[k].revents) receive(it->client, it->up);
-        if (polled[k + 1].revents) receive(it->server, it->down);
+        if (polled[k].revents) receive(it->client, it->up, upSent);
+        if (polled[k + 1].revents) receive(it->server, it->down, downSent);
         k += 2;
         const bool alive = held || (deliver(it->server, it->up, nullptr) && deliver(it->client, it->down, &down));
         if (!alive) {

@@ -12,7 +12,7 @@ namespace ridgecast::testing_support {
 struct Line {
   std::chrono::microseconds delay{0};   // one way
   std::chrono::microseconds jitter{0};  // more, evenly spread, one way
-  std::uint64_t bytesPerSecond = 0;     // each way; 0: no limit
+  std::uint64_t bytesPerSecond = 0;     // each way, of all connections together; 0: no limit
 };
 
 class Relay {
