@@ -64,7 +64,9 @@ class WindowTest : public testing::Test {
            viewer_->output().find(text) != std::string::npos;
   }
   // Once the window is there, and drawn as it stays.
-  bool opened() { return appeared() && await([&] { return drawn() || !viewer_->running(); }, 300s) && drawn(); }
+  bool opened() {
+    return appeared() && await([&] { return drawn() || !viewer_->running(); }, 300s) && drawn();
+  }
   bool drawn() const {
     const std::string said = viewer_->output();
     return said.find("the graphics driver compiles") == std::string::npos || said.find("own colours") != std::string::npos ||
