@@ -48,9 +48,9 @@ std::vector<CameraMesh::Changed> CameraMesh::takeChanged() {
 
 Selection CameraMesh::select(const camera::Pose& pose, double ground) {
   selected_ = tree_.follow(pose, ground);
-  const bool anyKept = std::any_of(ordered_.begin(), ordered_.end(), [&](const Leaf* leaf) {
+  const bool anyKept = std::ranges::any_of(addresses_, [&](const LeafAddress& before) {
     LeafAddress now;  // kept, split or merged: the ground is still held
-    return tree_.leafAt({leaf->address.x(), leaf->address.z()}, now);
+    return tree_.leafAt({before.x(), before.z()}, now);
   });
   if (!anyKept) clear();  // somewhere else altogether
   moveAnchor(pose, anyKept);
@@ -64,6 +64,7 @@ void CameraMesh::clear() {
     leaves_[leaf->region].reset();
   }
   ordered_.clear();
+  addresses_.clear();
   regions_.clear();
   sparse_.clear();
 }
@@ -139,15 +140,25 @@ void CameraMesh::findHeirs(Turnover& turnover) {
     }
 }
 
-// All lists are in canonical order, and few of the leaves are looked at.
+// All lists are in canonical order, and no leaf that stays is looked at.
 void CameraMesh::replaceOrdered(const Turnover& turnover) {
   std::vector<Leaf*> now;
-  now.reserve(ordered_.size() + turnover.made.size() - turnover.former.size());
-  auto at = ordered_.begin();
-  const auto keepUntil = [&](LeafAddress address) {
-    const auto end = std::lower_bound(at, ordered_.end(), address, [](const Leaf* l, LeafAddress r) { return l->address < r; });
-    now.insert(now.end(), at, end);
+  std::vector<LeafAddress> addresses;
+  std::vector<RegionId> regions;
+  const std::size_t size = ordered_.size() + turnover.made.size() - turnover.former.size();
+  now.reserve(size);
+  addresses.reserve(size);
+  regions.reserve(size);
+  std::ptrdiff_t at = 0;
+  const auto keep = [&](std::ptrdiff_t end) {
+    const auto append = [&](auto& to, const auto& from) { to.insert(to.end(), from.begin() + at, from.begin() + end); };
+    append(now, ordered_);
+    append(addresses, addresses_);
+    append(regions, regions_);
     at = end;
+  };
+  const auto keepUntil = [&](LeafAddress address) {
+    keep(std::lower_bound(addresses_.begin() + at, addresses_.end(), address) - addresses_.begin());
   };
   auto goes = turnover.former.begin();
   const auto goUntil = [&](const LeafAddress* address) {
@@ -160,12 +171,14 @@ void CameraMesh::replaceOrdered(const Turnover& turnover) {
     goUntil(&leaf->address);
     keepUntil(leaf->address);
     now.push_back(leaf);
+    addresses.push_back(leaf->address);
+    regions.push_back(leaf->region);
   }
   goUntil(nullptr);
-  now.insert(now.end(), at, ordered_.end());
+  keep(std::ssize(addresses_));
   ordered_ = std::move(now);
-  regions_.clear();
-  for (const Leaf* leaf : ordered_) regions_.push_back(leaf->region);
+  addresses_ = std::move(addresses);
+  regions_ = std::move(regions);
 }
 
 // What is filed under leaves that were merged, split or dropped is filed under their heirs, or outside.

@@ -22,10 +22,9 @@
 
 namespace ridgecast::generation {
 
-struct alignas(64) Leaf {  // every iteration looks at the first two lines of all of them, and at the rest of few
+struct alignas(64) Leaf {  // an iteration looks at those that change, and at CameraMesh's lists of what it asks of all
   lattice::LeafAddress address;
   triangulation::RegionId region = triangulation::kOutside;
-  bool visible = false;                           // in the current iteration, it may be
   refinement::Work work{};                        // of the current iteration
   std::vector<triangulation::RegionId> writeSet;  // its own region and those of the leaves that touch it
   std::uint64_t version = 0, points = 0, hash = 0;
@@ -50,8 +49,11 @@ class CameraMesh final : public triangulation::Partition {
   // Other ground, which differs within these areas.
   void setGround(std::shared_ptr<const terrain::Terrain> terrain, std::span<const lattice::Area> changed, scheduling::Pool& pool);
 
-  const std::vector<Leaf*>& leaves() const { return ordered_; }  // canonical order of address
-  Leaf* leaf(lattice::LeafAddress address) const;                // null: not a leaf
+  // In canonical order of address, and two lists beside it.
+  const std::vector<Leaf*>& leaves() const { return ordered_; }
+  const std::vector<lattice::LeafAddress>& addresses() const { return addresses_; }
+  const std::vector<triangulation::RegionId>& regions() const { return regions_; }
+  Leaf* leaf(lattice::LeafAddress address) const;  // null: not a leaf
   // f(k) for the leaves in leaves() whose triangles or vertices changed since the last takeChanged().
   template <class F>
   void forEachChanged(F&& f) const {
@@ -104,9 +106,10 @@ class CameraMesh final : public triangulation::Partition {
   refinement::AdaptiveMesh mesh_;
   std::vector<std::unique_ptr<Leaf>> leaves_;  // by region; null: unused
   std::vector<Leaf*> ordered_;
-  std::vector<triangulation::RegionId> regions_;  // of the leaves in ordered_
-  std::vector<triangulation::RegionId> sparse_;   // to be compacted next time; some may be gone
-  bool selected_ = false;                         // leaves came or went, and generate() is due
+  std::vector<lattice::LeafAddress> addresses_;
+  std::vector<triangulation::RegionId> regions_;
+  std::vector<triangulation::RegionId> sparse_;  // to be compacted next time; some may be gone
+  bool selected_ = false;                        // leaves came or went, and generate() is due
 };
 
 }  // namespace ridgecast::generation

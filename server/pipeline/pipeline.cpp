@@ -66,7 +66,7 @@ settings::Figures Pipeline::iterate(const camera::Camera& camera) {
   figures.generateMs = watch.lap();
 
   // refine
-  s.fitBudget();
+  s.fitBudget(selection.changed);
   s.searchBound.begin(s.effective, s.isLimited());
   const bool raised = s.searchBound.isRaised();
   s.motion.follow(camera, selection.fromNothing);
@@ -79,7 +79,7 @@ settings::Figures Pipeline::iterate(const camera::Camera& camera) {
   figures.refineMs = watch.lap();
 
   // triangulate
-  figures.deferred = s.change(view);
+  s.change(view, figures);
   figures.triangulateMs = watch.lap();
   s.evaluate(&view);
   figures.refineMs += watch.lap();
@@ -131,7 +131,7 @@ std::vector<lattice::Candidate> Pipeline::candidates(std::uint32_t most) const {
   const auto& leafs = s.mesh.leaves();
   std::vector<std::vector<refinement::ListedCandidate>> found(leafs.size());
   s.pool->forEach(leafs.size(), 16, [&](std::size_t k) {
-    if (!leafs[k]->visible) return;
+    if (!s.seen[k]) return;
     s.mesh.mesh().list(leafs[k]->region, view, found[k]);
     refinement::keepWorst(found[k], most);
   });

@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <functional>
 #include <numbers>
@@ -81,9 +82,11 @@ refinement::View Pipeline::State::view() const {
 
 // ---- refine ----
 
-void Pipeline::State::fitBudget() {
-  live = 0;
-  for (const Leaf* leaf : mesh.leaves()) live += mesh.mesh().triangulation().triangleCount(leaf->region);
+void Pipeline::State::fitBudget(bool otherLeaves) {
+  if (otherLeaves) {
+    live = 0;
+    for (const triangulation::RegionId region : mesh.regions()) live += mesh.mesh().triangulation().triangleCount(region);
+  }
   fill = static_cast<double>(live) / settings.triangleBudget;
   if (fill > 0.98)
     effective = std::min(effective * 1.05, kMostRaised * settings.threshold);
@@ -100,12 +103,13 @@ void Pipeline::State::castHorizon(refinement::View& view, double ground) {
 }
 
 // Whether a leaf, or a triangle that straddles its border, may be in the wide frustum.
-bool Pipeline::State::maySee(const refinement::View& view, const Leaf& leaf) const {
+bool Pipeline::State::maySee(const refinement::View& view, std::size_t leaf) const {
   const camera::Pose& pose = motion.camera.pose;
-  const refinement::HeightRange& ground = mesh.mesh().ground(leaf.region);
-  const double side = static_cast<double>(leaf.address.side()) * lattice::kMetresPerStep;
-  const double x = static_cast<double>(leaf.address.x() - pose.x) * lattice::kMetresPerStep,
-               z = static_cast<double>(leaf.address.z() - pose.z) * lattice::kMetresPerStep;
+  const refinement::HeightRange& ground = mesh.mesh().ground(mesh.regions()[leaf]);
+  const lattice::LeafAddress& address = mesh.addresses()[leaf];
+  const double side = static_cast<double>(address.side()) * lattice::kMetresPerStep;
+  const double x = static_cast<double>(address.x() - pose.x) * lattice::kMetresPerStep,
+               z = static_cast<double>(address.z() - pose.z) * lattice::kMetresPerStep;
   // Triangles straddle borders by less than half a side.
   const camera::Vec3 low{x - side / 2, ground.low * lattice::kMetresPerStep - pose.y - 1, z - side / 2},
       high{x + 1.5 * side, ground.high * lattice::kMetresPerStep - pose.y + 1, z + 1.5 * side};
@@ -115,25 +119,29 @@ bool Pipeline::State::maySee(const refinement::View& view, const Leaf& leaf) con
 void Pipeline::State::findWork(const refinement::View& view) {
   const RemovalLimits removal = removalLimits(isThesis(), effective, fill);
   const auto& leafs = mesh.leaves();
+  seen.resize(leafs.size());
   constexpr std::size_t kBatch = 16;
-  pool->forEach((leafs.size() + kBatch - 1) / kBatch, 1, [&](std::size_t batch) {
-    const std::span some = std::span(leafs).subspan(batch * kBatch, std::min(kBatch, leafs.size() - batch * kBatch));
-    for (const Leaf* leaf : some) __builtin_prefetch(leaf, 1);
+  std::vector<std::uint32_t> found((leafs.size() + kBatch - 1) / kBatch);
+  pool->forEach(found.size(), 1, [&](std::size_t batch) {
+    const std::size_t first = batch * kBatch, count = std::min(kBatch, leafs.size() - first);
+    for (std::size_t k = first; k < first + count; ++k) mesh.mesh().prefetch(mesh.regions()[k]);
     std::array<refinement::AdaptiveMesh::Search, kBatch> searches;
-    for (std::size_t k = 0; k < some.size(); ++k) {
-      Leaf& leaf = *some[k];
-      leaf.visible = maySee(view, leaf);
-      leaf.work.inserted = leaf.work.removed = 0;
-      leaf.work.removalLimit = leaf.visible ? removal.inside : removal.outside;
-      searches[k] = {leaf.region, leaf.visible, &leaf.work};
+    for (std::size_t k = 0; k < count; ++k) {
+      const bool isSeen = maySee(view, first + k);
+      seen[first + k] = isSeen;
+      searches[k] = {mesh.regions()[first + k], isSeen, isSeen ? removal.inside : removal.outside, &leafs[first + k]->work};
     }
-    mesh.mesh().findWork(std::span(searches).first(some.size()), view, searchBound.value());
+    found[batch] = mesh.mesh().findWork(std::span(searches).first(count), view, searchBound.value());
   });
+  busy.clear();
+  for (std::size_t batch = 0; batch < found.size(); ++batch)
+    for (std::uint32_t bits = found[batch]; bits != 0; bits &= bits - 1)
+      busy.push_back(leafs[batch * kBatch + static_cast<std::size_t>(std::countr_zero(bits))]);
 }
 
 void Pipeline::State::limitInsertions(const refinement::View& view) {
   std::size_t wanted = 0;
-  for (const Leaf* leaf : mesh.leaves()) wanted += leaf->work.pending.size();
+  for (const Leaf* leaf : busy) wanted += leaf->work.pending.size();
   const std::size_t budgeted = settings.triangleBudget > live ? (settings.triangleBudget - live) / 2 : 0,
                     room = std::min(insertionLimit, budgeted);
   left = searchBound.isRaised() ? searchBound.value() : 0;
@@ -154,15 +162,15 @@ std::vector<double> Pipeline::State::keepMostWanted(std::size_t room, std::size_
     leaf.work.pending.resize(from);
   };
   if (room == 0) {
-    for (Leaf* leaf : mesh.leaves()) postpone(*leaf, 0);
+    for (Leaf* leaf : busy) postpone(*leaf, 0);
     return errors;
   }
   std::vector<Pending> all;
   all.reserve(wanted);
-  for (const Leaf* leaf : mesh.leaves()) all.insert(all.end(), leaf->work.pending.begin(), leaf->work.pending.end());
+  for (const Leaf* leaf : busy) all.insert(all.end(), leaf->work.pending.begin(), leaf->work.pending.end());
   std::nth_element(all.begin(), all.begin() + static_cast<std::ptrdiff_t>(room - 1), all.end());
   const Pending last = all[room - 1];
-  for (Leaf* leaf : mesh.leaves())
+  for (Leaf* leaf : busy)
     postpone(*leaf, static_cast<std::size_t>(std::upper_bound(leaf->work.pending.begin(), leaf->work.pending.end(), last) -
                                              leaf->work.pending.begin()));
   return errors;
@@ -192,14 +200,14 @@ void Pipeline::State::lookClosely(const refinement::View& view) {
 
 // ---- triangulate ----
 
-std::uint32_t Pipeline::State::change(const refinement::View& view) {
-  std::vector<Leaf*> busy;
+void Pipeline::State::change(const refinement::View& view, settings::Figures& figures) {
   std::vector<std::span<const std::uint32_t>> writeSets;
-  for (Leaf* leaf : mesh.leaves()) {
-    if (leaf->work.pending.empty() && leaf->work.removable.empty()) continue;
-    busy.push_back(leaf);
-    writeSets.push_back(leaf->writeSet);
-  }
+  std::erase_if(busy, [](Leaf* leaf) {
+    const bool isPutOff = leaf->work.isEmpty();
+    if (isPutOff) leaf->work.end();
+    return isPutOff;
+  });
+  for (const Leaf* leaf : busy) writeSets.push_back(leaf->writeSet);
   refinement::AdaptiveMesh& m = mesh.mesh();
   const auto [tasks, order] = scheduling::colour(writeSets, m.triangulation().regionLimit());
   pool->forEachOrdered(order, [&, tasks = tasks.data()](std::size_t k) {
@@ -211,14 +219,14 @@ std::uint32_t Pipeline::State::change(const refinement::View& view) {
     m.insertWanted(leaf.region, view, set, leaf.work);
     m.evaluateFresh(leaf.region, &view);  // while it is in the cache
   });
-  std::size_t deferred = 0;
   for (std::uint32_t task : tasks) {
     Leaf& leaf = *busy[task];
-    deferred += leaf.work.deferred.size();
+    figures.deferred += static_cast<std::uint32_t>(leaf.work.deferred.size());
     m.insertDeferred(leaf.region, view, leaf.work);
+    figures.inserted += leaf.work.inserted;
+    figures.removed += leaf.work.removed;
     leaf.work.end();
   }
-  return static_cast<std::uint32_t>(deferred);
 }
 
 void Pipeline::State::publish(bool otherLeaves) {
@@ -237,12 +245,17 @@ void Pipeline::State::publish(bool otherLeaves) {
     Leaf& leaf = *leafs[changed[n].leaf];
     leaf.hash = mesh.mesh().hash(leaf.region);
   });
-  if (otherLeaves) {
-    leaves.clear();
-    for (const Leaf* leaf : leafs) leaves.push_back(state(*leaf));
-  } else {
-    for (const auto& [k, points] : changed) leaves[k] = state(*leafs[k]);
+  if (otherLeaves) {  // those that stay are as they were, or changed
+    std::vector<ridgecast::mesh::LeafState> before(leafs.size());
+    before.swap(leaves);
+    auto old = before.begin();
+    for (std::size_t k = 0; k < leafs.size(); ++k) {
+      const lattice::LeafAddress& address = mesh.addresses()[k];
+      while (old != before.end() && old->address < address) ++old;
+      leaves[k] = old != before.end() && old->address == address ? *old : state(*leafs[k]);
+    }
   }
+  for (const auto& [k, points] : changed) leaves[k] = state(*leafs[k]);
   live = 0;
   for (const ridgecast::mesh::LeafState& leaf : leaves) live += leaf.triangles;
 }
@@ -258,11 +271,7 @@ void Pipeline::State::settle(bool rests, refinement::View& view) {
 
 settings::Figures Pipeline::State::describe(settings::Figures figures) const {
   figures.leaves = static_cast<std::uint32_t>(leaves.size());
-  for (const Leaf* leaf : mesh.leaves()) {
-    figures.visibleLeaves += leaf->visible;
-    figures.inserted += leaf->work.inserted;
-    figures.removed += leaf->work.removed;
-  }
+  figures.visibleLeaves = static_cast<std::uint32_t>(std::ranges::count(seen, 1));
   figures.triangles = live;
   figures.effectiveThreshold = std::max(effective, left);
   figures.insertionLimit = static_cast<std::uint32_t>(insertionLimit);

@@ -56,11 +56,11 @@ struct Pipeline::State {
   double spacing() const { return std::clamp(kClosely * effective, kLeastClosely, kMostClosely); }
   refinement::View view() const;
 
-  // Counts the triangles, and raises or lowers the threshold as the budget demands.
-  void fitBudget();
+  // Counts the triangles, where other leaves have them than at the last publish(), and raises or lowers the threshold as the budget demands.
+  void fitBudget(bool otherLeaves);
   // What the ground hides; `ground`: its height below the camera. The thesis's metric knows nothing of that.
   void castHorizon(refinement::View& view, double ground);
-  bool maySee(const refinement::View& view, const Leaf& leaf) const;
+  bool maySee(const refinement::View& view, std::size_t leaf) const;
   // Which leaves may be seen, which candidates they want, which vertices may go.
   void findWork(const refinement::View& view);
   // Keeps the most wanted insertions that the budget and one iteration have room for; ties by position.
@@ -68,8 +68,8 @@ struct Pipeline::State {
   // Of those wanted; returns the errors of the others, as seen.
   std::vector<double> keepMostWanted(std::size_t room, std::size_t wanted, const refinement::View& view);
   // Removes, inserts, and evaluates what is fresh in the leaves that changed, in parallel where write sets are disjoint, with the result of
-  // doing it one leaf after the other. Returns how many insertions were deferred to the serial step at the end.
-  std::uint32_t change(const refinement::View& view);
+  // doing it one leaf after the other. Counts what it inserted, removed, and deferred to the serial step at the end.
+  void change(const refinement::View& view, settings::Figures& figures);
   // Chooses candidates for every fresh triangle. `view`: of the last findWork(), if there was one since triangles were generated.
   void evaluate(const refinement::View* view);
   // Looks closely at some more of the leaves that may be seen.
@@ -83,7 +83,7 @@ struct Pipeline::State {
     settled = closely = false;
     looked = 0;
   }
-  // Fills in what there is and what the last iteration changed.
+  // Fills in what there is.
   settings::Figures describe(settings::Figures figures) const;
 
   settings::Settings settings;
@@ -104,6 +104,8 @@ struct Pipeline::State {
   std::size_t looked = 0;  // leaves so far
   bool settled = false;
   Motion motion;
+  std::vector<std::uint8_t> seen;           // of the mesh's leaves: whether it may be, in the last iteration
+  std::vector<Leaf*> busy;                  // for which findWork() found something, in the mesh's order
   std::uint64_t versions = 0, outside = 0;  // the last that was given away; of what is filed outside all leaves
   std::vector<ridgecast::mesh::LeafState> leaves;
 };

@@ -70,6 +70,7 @@ class AdaptiveMesh {
   void removeRegion(RegionId region) { mesh_.removeRegion(region); }  // must be empty
   void clear() { mesh_.clear(); }                                     // regions stay
   const HeightRange& ground(RegionId region) const { return regions_[region].ground; }
+  void prefetch(RegionId region) const { __builtin_prefetch(&regions_[region], 1); }
   void addGround(RegionId region, const HeightRange& seen) { regions_[region].ground.add(seen); }
   // As those of the triangulation. What is kept beside the records follows them.
   void adopt(RegionId from, RegionId to) { mesh_.adopt(from, to); }
@@ -103,14 +104,16 @@ class AdaptiveMesh {
 
   // ---- refinement ----
   // Finds in each region, if it `isSeen`, the candidates at or above the threshold, and the vertices whose remembered loss is below
-  // work->removalLimit. A wanted candidate is found once: whoever does not insert it must postpone() it. Several regions at a time, so that
+  // `removalLimit`, into `work`, which is empty and of which nothing is touched where there is nothing to do. A wanted candidate is found once: whoever does not insert it must postpone() it. Several regions at a time, so that
   // what one reads is fetched meanwhile.
   struct Search {
     RegionId region;
     bool isSeen;
+    double removalLimit;  // pixels
     Work* work;
   };
-  void findWork(std::span<const Search> searches, const View& view, double threshold);
+  // Returns a bit for each search, of at most 32, that found work.
+  std::uint32_t findWork(std::span<const Search> searches, const View& view, double threshold);
   // The candidate will be found again. Returns what is seen of its error. `pageAnew`: the dormant ones of its page are judged again, too.
   // One region.
   double postpone(const Pending& wanted, RegionId region, const View& view, bool pageAnew);

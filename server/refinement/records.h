@@ -101,7 +101,7 @@ struct Pending {
   }
 };
 
-// What one iteration finds to do in a region, and what it did.
+// What one iteration finds to do in a region, and what it did. Empty between iterations.
 struct Work {
   double removalLimit = 0;                         // pixels of loss below which vertices go
   std::vector<Pending> pending;                    // sorted
@@ -109,6 +109,7 @@ struct Work {
   std::uint32_t inserted = 0, removed = 0;
   std::vector<Pending> deferred;  // their changes would have left the write set
 
+  bool isEmpty() const { return pending.empty() && removable.empty(); }
   // It is done. The memory of much work is given back: a mesh made from nothing has much in every region.
   void end() {
     const auto empty = [](auto& list) {
@@ -118,6 +119,7 @@ struct Work {
     empty(pending);
     empty(removable);
     empty(deferred);
+    inserted = removed = 0;
   }
 };
 

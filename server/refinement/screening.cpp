@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <array>
 #include <bit>
+#include <cassert>
 #include <cmath>
 
 #include "server/refinement/adaptive_mesh.h"
@@ -91,34 +92,40 @@ Judgement judge(const triangulation::Triangulation& mesh, const View& view, tria
 
 }  // namespace
 
-void AdaptiveMesh::findWork(std::span<const Search> searches, const View& view, double threshold) {
+std::uint32_t AdaptiveMesh::findWork(std::span<const Search> searches, const View& view, double threshold) {
+  assert(searches.size() <= 32);
   struct Due {  // pages
     PageList candidates, losses;
   };
   thread_local std::vector<Due> due;
   if (due.size() < searches.size()) due.resize(searches.size());
   const bool isThesis = metric_ == Metric::kThesis;
-  for (const Search& s : searches) __builtin_prefetch(&regions_[s.region], 1);
   for (std::size_t k = 0; k < searches.size(); ++k) {
-    const auto& [region, isSeen, work] = searches[k];
-    work->pending.clear();
-    work->removable.clear();
+    const auto& [region, isSeen, removalLimit, work] = searches[k];
     due[k].candidates.clear();
     due[k].losses.clear();
     if (isSeen && !isThesis) collectDue(region, view, skippedSlope(view, threshold), due[k].candidates);
-    collectDueLosses(region, view, work->removalLimit, due[k].losses);
+    collectDueLosses(region, view, removalLimit, due[k].losses);
   }
   const auto first = [](const PageList& pages) { return std::span(pages).first(std::min(kPagesAhead, pages.size())); };
   for (std::size_t k = 0; k < searches.size(); ++k) {
     for (std::uint32_t page : first(due[k].candidates)) prefetchCandidates(page);
     for (std::uint32_t page : first(due[k].losses)) prefetchVertices(page);
   }
+  std::uint32_t found = 0;
   for (std::size_t k = 0; k < searches.size(); ++k) {
-    const auto& [region, isSeen, work] = searches[k];
-    if (isSeen && isThesis) screenThesis(region, view, threshold, work->pending);
-    if (!due[k].candidates.empty()) screenPixels(region, due[k].candidates, view, threshold, work->pending);
-    if (!due[k].losses.empty()) findRemovable(region, due[k].losses, view, *work);
+    const auto& [region, isSeen, removalLimit, work] = searches[k];
+    const bool screens = isSeen && isThesis, checks = !due[k].candidates.empty(), judges = !due[k].losses.empty();
+    if (!screens && !checks && !judges) continue;
+    if (screens) screenThesis(region, view, threshold, work->pending);
+    if (checks) screenPixels(region, due[k].candidates, view, threshold, work->pending);
+    if (judges) {
+      work->removalLimit = removalLimit;
+      findRemovable(region, due[k].losses, view, *work);
+    }
+    if (!work->isEmpty()) found |= 1u << k;
   }
+  return found;
 }
 
 double AdaptiveMesh::postpone(const Pending& wanted, RegionId region, const View& view, bool pageAnew) {

@@ -24,7 +24,7 @@ Report screening(const Options& options) {
   evaluate();
   const auto find = [&](const refinement::View& view, double threshold) {
     std::vector<refinement::AdaptiveMesh::Search> searches;
-    for (generation::Leaf* leaf : mesh.leaves()) searches.push_back({leaf->region, true, &leaf->work});
+    for (generation::Leaf* leaf : mesh.leaves()) searches.push_back({leaf->region, true, 0, &leaf->work});
     for (std::size_t k = 0; k < searches.size(); k += 16)
       m.findWork(std::span(searches).subspan(k, std::min<std::size_t>(16, searches.size() - k)), view, threshold);
   };
@@ -36,7 +36,10 @@ Report screening(const Options& options) {
     triangulation::WriteSet all;
     all.allowAll();
     find(view, threshold);
-    for (generation::Leaf* leaf : mesh.leaves()) m.insertWanted(leaf->region, view, all, leaf->work);
+    for (generation::Leaf* leaf : mesh.leaves()) {
+      m.insertWanted(leaf->region, view, all, leaf->work);
+      leaf->work.end();
+    }
     evaluate();
   }
   const auto& pages = m.triangulation().trianglePages();

@@ -46,17 +46,17 @@ TEST(CameraMesh, KeepsItsLaws) {
     mesh.generate(*pool);
     evaluate(mesh);
     const refinement::View view(camera, mesh.mesh().anchor(), n * 1e12, n, false);  // far apart: nothing is skipped
-    for (Leaf* leaf : mesh.leaves()) {
-      leaf->work.removalLimit = 1.5;
-      mesh.mesh().findWork({{{leaf->region, true, &leaf->work}}}, view, 3);
-    }
+    for (Leaf* leaf : mesh.leaves()) mesh.mesh().findWork({{{leaf->region, true, 1.5, &leaf->work}}}, view, 3);
     triangulation::WriteSet set;
     for (Leaf* leaf : mesh.leaves()) {
       set.allow(leaf->writeSet);
       mesh.mesh().removeUnneeded(leaf->region, view, set, leaf->work);
       mesh.mesh().insertWanted(leaf->region, view, set, leaf->work);
     }
-    for (Leaf* leaf : mesh.leaves()) mesh.mesh().insertDeferred(leaf->region, view, leaf->work);
+    for (Leaf* leaf : mesh.leaves()) {
+      mesh.mesh().insertDeferred(leaf->region, view, leaf->work);
+      leaf->work.end();
+    }
     evaluate(mesh);
     ASSERT_EQ(testing_support::verify(mesh), "") << "iteration " << n;
     const auto& t = mesh.mesh().triangulation();

@@ -406,7 +406,9 @@ TEST(Pipeline, IsNotSettledBeforeAllErrorsAreLookedForAgain) {
   int idle = 0;
   for (int k = 0; k < 400 && !rig.pipeline.settled(); ++k) {
     const auto figures = rig.pipeline.iterate(looking(0));
-    if (rig.pipeline.settled()) EXPECT_EQ(figures.effectiveThreshold, 1);
+    if (rig.pipeline.settled()) {
+      EXPECT_EQ(figures.effectiveThreshold, 1);
+    }
     idle += figures.effectiveThreshold > 1 && figures.inserted + figures.removed == 0;
   }
   EXPECT_TRUE(rig.pipeline.settled());

@@ -58,7 +58,7 @@ TEST(Screening, AFormerRegionsBoundsAreForgotten) {
   // The same triangles come a second time, to pages of which most are the same.
   used.mesh.evaluateFresh(region, &earlier);
   Work work;
-  used.mesh.findWork({{{region, true, &work}}}, earlier, 6);
+  used.mesh.findWork({{{region, true, 0, &work}}}, earlier, 6);
   bool dormant = false;
   for (std::uint32_t page : used.pages()) {
     EXPECT_EQ(used.mesh.screen(page).travel, 990);
@@ -146,8 +146,8 @@ TEST_P(Screenings, SkipNothingThatIsWanted) {
     });
     Work known, all;
     const double threshold = GetParam() ? 6 : 6 + step / 3 % 7;
-    remembers.mesh.findWork({{{region, true, &known}}}, view, threshold);
-    forgets.mesh.findWork({{{region, true, &all}}}, view, threshold);
+    remembers.mesh.findWork({{{region, true, 0, &known}}}, view, threshold);
+    forgets.mesh.findWork({{{region, true, 0, &all}}}, view, threshold);
     for (const Pending& p : known.pending) remembers.mesh.postpone(p, region, view, GetParam());
     auto next = known.pending.begin();
     for (const Pending& p : all.pending) {
