@@ -55,5 +55,6 @@ Report deltas(const Options&);
 Report cameras(const Options&);
 Report snapshot(const Options&);
 Report edits(const Options&);
+Report doors(const Options&);
 
 }  // namespace ridgecast::bench

@@ -33,6 +33,7 @@ namespace ridgecast::bench {
 namespace {
 
 using Time = std::chrono::steady_clock;
+constexpr std::size_t kNewcomers = 9;
 
 struct Plan {
   int count = 32, leave = 0;
@@ -98,6 +99,34 @@ Report measure(const Plan& plan, const Options& options) {
   const Clock clock;
   // Cameras join one after the other, all within two seconds (a hundred a second at rest).
   const double joining = plan.rest ? plan.count / 100.0 : std::min(2.0, 0.05 * plan.count), warm = joining + plan.warmUp;
+  const auto join = [&] {
+    const int k = static_cast<int>(lines.size());
+    lines.push_back(std::make_unique<Line>(server.port(), "camera " + std::to_string(k), plan.budget, plan.bytesPerSecond));
+    next.push_back(Time::now() +
+                   std::chrono::duration_cast<Time::duration>(std::chrono::duration<double>(plan.interval * (1 + (k % 16) / 16.0))));
+    epoll_event event{};
+    event.events = EPOLLIN;
+    event.data.u32 = static_cast<std::uint32_t>(k);
+    ::epoll_ctl(poll, EPOLL_CTL_ADD, lines.back()->socket(), &event);
+  };
+  // Those that are due send a pose, and what has come within a millisecond is taken.
+  const auto serve = [&](bool flies) {
+    if (flies)
+      for (std::size_t k = 0; k < lines.size(); ++k)
+        if (Time::now() >= next[k]) {
+          next[k] += std::chrono::duration_cast<Time::duration>(std::chrono::duration<double>(plan.interval));
+          fly(*lines[k], static_cast<int>(k), plan, **terrain);
+        }
+    epoll_event events[64];
+    const int n = ::epoll_wait(poll, events, 64, 1);
+    for (int k = 0; k < n; ++k) {
+      if (events[k].data.u32 >= lines.size()) continue;
+      Line& line = *lines[events[k].data.u32];
+      const bool opens = !line.open();
+      line.receive();
+      if (opens) fly(line, static_cast<int>(events[k].data.u32), plan, **terrain);
+    }
+  };
   for (;;) {
     const double now = clock.seconds();
     if (!measuring && now >= warm) {
@@ -108,30 +137,8 @@ Report measure(const Plan& plan, const Options& options) {
       for (auto& line : lines) line->restart();
     }
     if (measuring && now - measuredFrom >= plan.seconds) break;
-    while (static_cast<int>(lines.size()) < plan.count && now >= joining * static_cast<double>(lines.size()) / plan.count) {
-      const int k = static_cast<int>(lines.size());
-      lines.push_back(std::make_unique<Line>(server.port(), "camera " + std::to_string(k), plan.budget, plan.bytesPerSecond));
-      next.push_back(Time::now() +
-                     std::chrono::duration_cast<Time::duration>(std::chrono::duration<double>(plan.interval * (1 + (k % 16) / 16.0))));
-      epoll_event event{};
-      event.events = EPOLLIN;
-      event.data.u32 = static_cast<std::uint32_t>(k);
-      ::epoll_ctl(poll, EPOLL_CTL_ADD, lines.back()->socket(), &event);
-    }
-    if (!plan.rest)
-      for (std::size_t k = 0; k < lines.size(); ++k)
-        if (Time::now() >= next[k]) {
-          next[k] += std::chrono::duration_cast<Time::duration>(std::chrono::duration<double>(plan.interval));
-          fly(*lines[k], static_cast<int>(k), plan, **terrain);
-        }
-    epoll_event events[64];
-    const int n = ::epoll_wait(poll, events, 64, 1);
-    for (int k = 0; k < n; ++k) {
-      Line& line = *lines[events[k].data.u32];
-      const bool opens = !line.open();
-      line.receive();
-      if (opens) fly(line, static_cast<int>(events[k].data.u32), plan, **terrain);
-    }
+    while (static_cast<int>(lines.size()) < plan.count && now >= joining * static_cast<double>(lines.size()) / plan.count) join();
+    serve(!plan.rest);
   }
   const double seconds = clock.seconds() - measuredFrom;
   const Use use = useOf(pid);
@@ -166,17 +173,21 @@ Report measure(const Plan& plan, const Options& options) {
   report.add("encode_share", total > 0 ? encode / total : 0);
   report.add("first_view_ms", median(coarse), "ms");
   if (plan.rest) report.add("at_rest", settled);
+  // One more at a time, each while all others fly on.
+  std::vector<double> later;
+  for (const Clock since; later.size() < kNewcomers && since.seconds() < 60; lines.pop_back(), next.pop_back()) {
+    join();
+    while (lines.back()->coarseMs == 0 && since.seconds() < 60) serve(!plan.rest);
+    later.push_back(lines.back()->coarseMs);
+  }
+  report.add("newcomer_first_view_ms", median(later), "ms");
+  report.add("newcomer_first_view_worst_ms", std::ranges::max(later), "ms");
   if (plan.leave > 0) {
     lines.resize(static_cast<std::size_t>(std::max(1, plan.count - plan.leave)));
     const double left = clock.seconds();
     for (std::size_t k = 0; k < lines.size(); ++k) fly(*lines[k], static_cast<int>(k), plan, **terrain);
     const auto isSettled = [](const auto& line) { return line->answered() && line->settled; };
-    while (!std::ranges::all_of(lines, isSettled) && clock.seconds() < left + 60) {
-      epoll_event events[64];
-      const int n = ::epoll_wait(poll, events, 64, 1);
-      for (int k = 0; k < n; ++k)
-        if (events[k].data.u32 < lines.size()) lines[events[k].data.u32]->receive();
-    }
+    while (!std::ranges::all_of(lines, isSettled) && clock.seconds() < left + 60) serve(false);
     report.add("settled_after_s", clock.seconds() - left, "s");
   }
   ::close(poll);

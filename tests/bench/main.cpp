@@ -39,6 +39,7 @@ const Entry kEntries[] = {
     {"snapshot", "iterations of cameras beside people who ask for snapshots", snapshot},
     {"deltas", "what changed in a leaf against sending the leaf whole", deltas},
     {"edits", "a log of edits: commits a second, cold starts from the cached ground and from the edits", edits},
+    {"doors", "the stream against whole leaves, 3D Tiles and Terrarium tiles, along the evaluation's flights", doors},
     {"soak", "an hour's flight: budget, memory, soundness", soak},
     {"heights", "heights in batches against scalar double", heights},
 };

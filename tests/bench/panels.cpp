@@ -10,7 +10,7 @@ namespace ridgecast::bench {
 namespace {
 
 constexpr double kWidth = 400, kHeight = 250, kLeft = 58, kRight = 14, kTop = 46, kBottom = 40, kHead = 34;
-constexpr const char* kColours[] = {"#0b6e99", "#d1495b", "#2a9d4a"};  // told apart by the colour-blind, too
+constexpr const char* kColours[] = {"#0b6e99", "#d1495b", "#2a9d4a", "#7b4fa3", "#c98a00"};  // told apart by the colour-blind, too
 
 std::string number(double v) {
   char text[32];

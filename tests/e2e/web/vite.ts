@@ -5,7 +5,7 @@ import { existsSync } from 'node:fs';
 import { createServer } from 'node:net';
 import { join } from 'node:path';
 import { PATIENCE } from './browser';
-import { Server, needed, sleep } from './server';
+import { needed, sleep } from './server';
 
 const HERE = join(needed('RIDGECAST_SOURCE'), 'client/web/examples');
 const VITE = join(HERE, 'node_modules/vite/bin/vite.js');
@@ -22,7 +22,7 @@ async function freePort(): Promise<number> {
   });
 }
 
-export async function serveExamples(server: Server): Promise<{ url: string; child: ChildProcess }> {
+export async function serveExamples(server: { http: string }): Promise<{ url: string; child: ChildProcess }> {
   const port = await freePort(), url = `http://127.0.0.1:${port}`;
   const child = spawn(process.execPath, [VITE, '--host', '127.0.0.1', '--port', String(port), '--strictPort'], { cwd: HERE, stdio: ['ignore', 'ignore', 'inherit'], env: { ...process.env, RIDGECAST: server.http } });
   for (const end = Date.now() + PATIENCE; Date.now() < end && child.exitCode === null; await sleep(100))

@@ -1,12 +1,18 @@
 // Flies over a session's ground with three.js: drag to move, right button to turn, wheel for height.
 //   ?session=NAME&x=METRES&z=METRES   which world, and the place of it that lies at three's origin
+//   &compression=none                 for a reader without Draco; normals and colours as for a snapshot
 //   ?tileset=URL                      instead: a tileset anywhere, such as of `ridgecast-client snapshot --tiles`, on its own axes
 import { TilesRenderer } from '3d-tiles-renderer';
-import { AmbientLight, Color, DirectionalLight, Euler, MathUtils, PerspectiveCamera, Scene, Vector3, WebGLRenderer } from 'three';
+import { GLTFExtensionsPlugin } from '3d-tiles-renderer/plugins';
+import { AmbientLight, Color, DirectionalLight, Euler, LoadingManager, MathUtils, PerspectiveCamera, Scene, Vector3, WebGLRenderer } from 'three';
 import { MapControls } from 'three/addons/controls/MapControls.js';
+import { DRACOLoader } from 'three/addons/loaders/DRACOLoader.js';
+import dracoWrapper from 'three/examples/jsm/libs/draco/gltf/draco_wasm_wrapper.js?url';
+import dracoDecoder from 'three/examples/jsm/libs/draco/gltf/draco_decoder.wasm?url';
 
 const asked = new URLSearchParams(location.search);
-const where = new URLSearchParams({ x: asked.get('x') ?? 0, z: asked.get('z') ?? 0 });
+const where = new URLSearchParams({ x: asked.get('x') ?? 0, z: asked.get('z') ?? 0, compression: asked.get('compression') ?? 'draco' });
+for (const name of ['normals', 'colours']) if (asked.has(name)) where.set(name, asked.get(name));
 
 const renderer = new WebGLRenderer({ antialias: true, logarithmicDepthBuffer: true }); // it sees from metres to 200 km
 document.querySelector('#view').append(renderer.domElement);
@@ -32,6 +38,8 @@ tiles.errorTarget = Number(asked.get('error') ?? 8); // pixels
 tiles.group.rotation.x = -Math.PI / 2; // 3D Tiles have z up, three.js has y
 tiles.setCamera(camera);
 scene.add(tiles.group);
+const dracoFiles = new LoadingManager().setURLModifier((url) => (url.endsWith('.js') ? dracoWrapper : dracoDecoder));
+tiles.registerPlugin(new GLTFExtensionsPlugin({ dracoLoader: new DRACOLoader(dracoFiles) }));
 tiles.registerPlugin({
   name: 'PATIENT',
   async fetchData(url, options) {
