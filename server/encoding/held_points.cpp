@@ -59,12 +59,13 @@ void HeldPoints::beginAnew(const replica::Changes& changes, const pipeline::Iter
   for (const mesh::LeafState& leaf : mesh.leaves()) leaves_[leaf.address];
   if (!changes.come.empty()) return;  // it held none
   const Surface surface = mesh.surface();
+  Filed last;
   const auto take = [&](triangulation::RegionId region) {
     surface.mesh->vertexPages().forEach(region, [&](VertexId v) {
       bool isCorner = false;
       if (v != kInfinite)
         surface.mesh->forEachAround(v, [&](triangulation::HalfEdge h) { isCorner |= surface.mesh->regionOf(h >> 2) != kOutside; });
-      if (isCorner) file(absolute(surface.mesh->vertex(v), surface.anchor));
+      if (isCorner) file(absolute(surface.mesh->vertex(v), surface.anchor), last);
     });
   };
   for (const mesh::LeafState& leaf : mesh.leaves()) take(mesh.region(leaf.address));
@@ -90,24 +91,27 @@ void HeldPoints::replaceLeaves(const replica::Changes& changes) {
     return true;
   });
   std::set<Points*> filled;
+  Points* before = nullptr;
+  Filed last;
   for (const auto& [square, points] : homeless)
-    for (const Point& p : points) filled.insert(&file({square.x() + p.x, square.z() + p.z, p.y}));
+    for (const Point& p : points)
+      if (Points* const at = &file({square.x() + p.x, square.z() + p.z, p.y}, last); at != before) filled.insert(before = at);
   for (Points* points : filled) std::ranges::sort(*points, {}, &Point::place);
 }
 
-HeldPoints::Points& HeldPoints::file(const lattice::Vertex& v) {
-  LeafAddress square;
-  Points* points = nullptr;
-  for (int level = 0; level <= lattice::kMaxLevel && !points; ++level) {
-    square = lattice::leafAt({v.x, v.z}, level);
-    if (const auto leaf = leaves_.find(square); leaf != leaves_.end()) points = &leaf->second;
+// `last`: of the point before, which often lies in the same leaf.
+HeldPoints::Points& HeldPoints::file(const lattice::Vertex& v, Filed& last) {
+  if (!last.points || lattice::leafAt({v.x, v.z}, last.leaf.level) != last.leaf) {
+    last.points = nullptr;
+    for (int level = 0; level <= lattice::kMaxLevel && !last.points; ++level) {
+      last.leaf = lattice::leafAt({v.x, v.z}, level);
+      if (const auto leaf = leaves_.find(last.leaf); leaf != leaves_.end()) last.points = &leaf->second;
+    }
   }
-  if (!points) {
-    square = lattice::leafAt({v.x, v.z}, points::kOpenLevel);
-    points = &open_[square];
-  }
-  points->push_back(inside(square, v));
-  return *points;
+  const LeafAddress square = last.points ? last.leaf : lattice::leafAt({v.x, v.z}, points::kOpenLevel);
+  Points& points = last.points ? *last.points : open_[square];
+  points.push_back(inside(square, v));
+  return points;
 }
 
 void HeldPoints::list(LeafAddress leaf, std::span<const VertexId> vertices, const Surface& surface) {
@@ -222,13 +226,15 @@ std::vector<std::uint8_t> HeldPoints::write(const replica::Changes& changes, con
   const triangulation::Triangulation& t = *surface.mesh;
   std::vector<std::uint8_t> payload;
   points::Writer writer(payload);
-  std::vector<LeafAddress> held;
-  for (const mesh::LeafState& leaf : mesh.leaves()) held.push_back(leaf.address);
+  if (changes.anew || !changes.gone.empty() || !changes.come.empty()) {
+    squares_.clear();
+    for (const mesh::LeafState& leaf : mesh.leaves()) squares_.push_back(leaf.address);
+  }
   std::vector<points::Change> list;
   for (Changed& c : changed_) list.push_back(std::move(c.change));
   auto size = sizes_.cbegin();
   writer.changes(
-      {held, changes.come, active_}, [&](const LeafAddress&) { return *size++; }, list);
+      {squares_, changes.come, active_}, [&](const LeafAddress&) { return *size++; }, list);
   const auto tell = [&](VertexId v, int level) {
     news.points.push_back(absolute(t.vertex(v), surface.anchor));
     news.levels.push_back(level);

@@ -56,7 +56,11 @@ class HeldPoints {
   static Listed listed(const Point& p, triangulation::VertexId v) { return {p.place(), p.y, v}; }
   void beginAnew(const replica::Changes& changes, const pipeline::IteratingMesh& mesh);
   void replaceLeaves(const replica::Changes& changes);
-  Points& file(const lattice::Vertex& v);
+  struct Filed {
+    lattice::LeafAddress leaf;
+    Points* points = nullptr;
+  };
+  Points& file(const lattice::Vertex& v, Filed& last);
   void compareLeaf(lattice::LeafAddress leaf, pipeline::IteratingMesh& mesh);
   void followLeaf(lattice::LeafAddress leaf, pipeline::IteratingMesh& mesh);
   void list(lattice::LeafAddress leaf, std::span<const triangulation::VertexId> vertices, const Surface& surface);
@@ -67,6 +71,7 @@ class HeldPoints {
 
   std::unordered_map<lattice::LeafAddress, Points, lattice::LeafAddressHash> leaves_;  // all that the client holds
   std::map<lattice::LeafAddress, Points> open_;                                        // none is empty
+  std::vector<lattice::LeafAddress> squares_;                                          // of the leaves, in canonical order
   std::uint64_t outside_ = 0;                                                          // version of what was compared
   std::vector<lattice::LeafAddress> active_;  // squares that the last payload changed, in canonical order
   std::vector<Changed> changed_;              // of the current payload, leaves first
