@@ -20,6 +20,8 @@ type Begin = Extract<ToPainter, { kind: 'begin' }>;
 type World = Extract<ToPainterFromEngine, { kind: 'world' }>;
 type Tell = (message: FromPainter) => void;
 
+const TAKEN_AWAY = 'The graphics card was taken away from this page (its driver restarted, or memory ran out). Reload the page.';
+
 /** Where the pictures can be drawn; otherwise a sentence for people. */
 function contextOf(canvas: OffscreenCanvas): WebGL2RenderingContext | string {
   const gl = canvas.getContext('webgl2', { alpha: false, antialias: false, depth: false, powerPreference: 'high-performance' });
@@ -78,7 +80,7 @@ export class Painter {
     this.edits = new Edits(this.renderer, this.uniforms);
     this.neutral = new Programs('', this.uniforms);
     void this.neutral.compile(['shade'], this.renderer); // before the world arrives
-    canvas.addEventListener('webglcontextlost', () => this.problem('The graphics card was taken away from this page (its driver restarted, or memory ran out). Reload the page.', true));
+    canvas.addEventListener('webglcontextlost', () => this.problem(TAKEN_AWAY, true));
     engine.onmessage = (event: MessageEvent<ToPainterFromEngine>) => this.hearEngine(event.data);
   }
 
@@ -122,7 +124,8 @@ export class Painter {
   }
 
   private problem(sentence: string, fatal: boolean): void {
-    this.tell({ kind: 'problem', sentence, fatal });
+    const isLost = this.renderer.getContext().isContextLost(); // then it is why anything else fails
+    this.tell({ kind: 'problem', sentence: isLost ? TAKEN_AWAY : sentence, fatal: fatal || isLost });
   }
 
   private async enter(next: World): Promise<void> {
