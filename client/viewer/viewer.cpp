@@ -8,6 +8,7 @@
 #include <chrono>
 #include <cmath>
 #include <cstdio>
+#include <functional>
 #include <list>
 #include <string>
 #include <tuple>
@@ -149,12 +150,13 @@ int view(const ViewOptions& given) {
     return fail(kRuntimeFailure, {"closed before the server at " + options.url.host + ":" + options.url.port + " had answered"});
   auto link = std::move(*arrived);
   if (!link) return fail(kRuntimeFailure, link.error());
-  std::list<Compiling> compiled;  // also for worlds that were left: the driver cannot be stopped
+  std::list<Compiling> compiled;  // for worlds that were left, too, until they are done: the driver cannot be stopped
   std::string session;
   bool isAsked = options.x || options.z || start.at != lattice::Point{};
   for (;; state.leaveWorld()) {
     const wire::World& world = link->client->world();
     if (std::exchange(session, world.session) != world.session && !std::exchange(isAsked, false)) start.at = world.onMap(start.at);
+    std::erase_if(compiled, std::mem_fn(&Compiling::done));
     const Compiling* const compiling = render::compilesText(world, options.remoteShaders) ? &compiled.emplace_back(world) : nullptr;
     auto drawing = compiling ? render::drawingMeanwhile(world) : render::drawingOf(world, options.remoteShaders);
     auto passes = render::createOrNeutral(world, drawing, Passes::create);

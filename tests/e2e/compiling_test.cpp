@@ -113,7 +113,7 @@ TEST_F(Window, AHeightMapIsCompiledBesideTheWindow) {
   close();
 }
 
-// A terrain that takes the driver seconds: the window is there before, can be closed meanwhile, and then gets the terrain's colours.
+// A terrain that takes the driver long: the window is there before, and can be closed meanwhile.
 TEST_F(Window, WhileTheDriverCompilesTheMeshIsThereAndTheWindowCloses) {
   std::string text = readText(RIDGECAST_PATHS "/../../../common/terrain/tutorial/dunes.glsl");
   std::string more;
@@ -131,11 +131,6 @@ TEST_F(Window, WhileTheDriverCompilesTheMeshIsThereAndTheWindowCloses) {
   EXPECT_EQ(viewer_->wait(300s), 0) << viewer_->output();
   EXPECT_NE(viewer_->output().find("the graphics driver compiles slow"), std::string::npos) << viewer_->output();
   EXPECT_EQ(viewer_->output().find("own colours"), std::string::npos) << "it was closed too late for this test: " << viewer_->output();
-
-  open({"--threshold", "50"}, server.url(), kUncached);
-  ASSERT_TRUE(opened()) << viewer_->output();
-  EXPECT_TRUE(says("drawn with slow's own colours")) << viewer_->output();
-  close();
 }
 
 TEST_F(Window, ABuiltInTerrainIsThereBeforeTheDriverKnowsIt) {
