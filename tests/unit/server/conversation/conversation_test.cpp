@@ -93,7 +93,9 @@ TEST(Conversation, EditsComeInTurnWithIterationsAndAreBounded) {
     ASSERT_TRUE(std::holds_alternative<Iterate>(work));
     ++iterations;
     c.iterated(leaves, sizes.size() >= 3);
-    if (sizes.size() < 3) ASSERT_FALSE(c.receive(pose(static_cast<std::uint64_t>(iterations) + 1), Time{}));
+    if (sizes.size() < 3) {
+      ASSERT_FALSE(c.receive(pose(static_cast<std::uint64_t>(iterations) + 1), Time{}));
+    }
   }
   EXPECT_EQ(sizes, (std::vector<std::size_t>{4, 4, 1}));
   EXPECT_GE(iterations, 3);
