@@ -56,7 +56,7 @@ struct Pipeline::State {
   double spacing() const { return std::clamp(kClosely * effective, kLeastClosely, kMostClosely); }
   refinement::View view() const;
 
-  // Counts the triangles, where other leaves have them than at the last publish(), and raises or lowers the threshold as the budget demands.
+  // Counts the triangles, if other leaves have them than at the last publish(), and raises or lowers the threshold as the budget demands.
   void fitBudget(bool otherLeaves);
   // What the ground hides; `ground`: its height below the camera. The thesis's metric knows nothing of that.
   void castHorizon(refinement::View& view, double ground);

@@ -104,8 +104,8 @@ class AdaptiveMesh {
 
   // ---- refinement ----
   // Finds in each region, if it `isSeen`, the candidates at or above the threshold, and the vertices whose remembered loss is below
-  // `removalLimit`, into `work`, which is empty and of which nothing is touched where there is nothing to do. A wanted candidate is found once: whoever does not insert it must postpone() it. Several regions at a time, so that
-  // what one reads is fetched meanwhile.
+  // `removalLimit`, into `work`, which is empty and not touched where there is nothing to do. A wanted candidate is found once: whoever
+  // does not insert it must postpone() it. Several regions at a time, so that what one reads is fetched meanwhile.
   struct Search {
     RegionId region;
     bool isSeen;

@@ -1,4 +1,4 @@
-// What a user would pick instead: the stream, whole leaves, 3D Tiles and Terrarium tiles along the evaluation's flights, over the same line.
+// What a user would pick instead: the stream, whole leaves, 3D Tiles, Terrarium tiles, along the evaluation's flights over the same line.
 //
 //   ridgecast-bench doors [--seconds S] [--flights alpine,canyon,archipelago] [--doors stream,whole,tiles,draco,maplibre]
 //                         [--lines free,narrow] [--detail D] [--plot FILE.svg]
