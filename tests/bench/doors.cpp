@@ -227,7 +227,7 @@ Shown flyPage(const testing_support::Relay& relay, const Door& door, const std::
       std::chrono::seconds(static_cast<int>(300 + looks.back().t)));
   const std::string text = testing_support::readText(folder / "shown.json");
   if (done.code != 0 || text.empty())
-    throw std::runtime_error("the viewer did not fly (./run test installs what it needs):\n" + done.output);
+    throw std::runtime_error("the viewer did not fly (./run bench doors installs what it needs):\n" + done.output);
   const auto shown = nlohmann::json::parse(text);
   Shown out;
   out.began = shown["began"];
