@@ -240,12 +240,11 @@ try {
   let requests = 0;
   page.on('request', (request) => void (request.url().includes('/v1/') && ++requests));
   page.on('pageerror', (error) => console.error(error.message));
+  await page.addInitScript('globalThis.__name = (f) => f'); // which esbuild leaves in functions that are sent
   if (plan.viewer === 'three') {
-    await page.addInitScript('globalThis.__name = (f) => f'); // which esbuild leaves in functions that are sent
     await page.goto(`${site.url}/three/?error=${plan.detail}&${plan.query}`, { waitUntil: 'commit' });
     await page.waitForFunction(() => 'ridgecast' in globalThis);
   } else {
-    await page.addInitScript('globalThis.__name = (f) => f');
     await page.route('**/doors/', (route) => route.fulfill({ contentType: 'text/html', body: mapPage(plan) }));
     await page.goto(`${site.url}/doors/`);
     await page.waitForFunction(() => 'map' in globalThis);
