@@ -379,7 +379,7 @@ test('says what is wrong', async (t) => {
       await route.fulfill({ contentType: 'text/javascript', body: `{ ${keepsContext} }\n${await (await route.fetch()).text()}` });
     });
     await viewer.page.goto(`${server.http}/#threshold=16`);
-    await viewer.until('connected', (r) => r.connected && r.figures !== undefined);
+    await viewer.until('drawing', (r) => r.frames !== undefined); // the connection may come before the painter
     const painter = viewer.page.workers().find((worker) => worker.url().includes('painter'))!;
     await painter.evaluate(() => (self as unknown as { taken: WebGL2RenderingContext }).taken.getExtension('WEBGL_lose_context')!.loseContext());
     await viewer.page.waitForFunction(() => /taken away/.test(document.getElementById('problem')!.innerText));
