@@ -1,5 +1,5 @@
 #pragma once
-// The messages of the stream as plain values. wire.h turns them into bytes and back; nothing else sees generated code.
+// The messages of the stream as plain values. wire.h turns them into bytes and back.
 // Units and meaning are those of proto/ridgecast/v1/stream.proto.
 
 #include <cstdint>

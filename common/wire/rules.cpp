@@ -25,7 +25,7 @@ std::string bytesWords(std::size_t n) {
 
 std::string OneOf::words() const {
   std::string out;
-  for (int k = 0; valid(k); ++k) out += (k ? ", " : "") + name(k);
+  for (const char* name : names) out += (out.empty() ? "" : ", ") + std::string(name);
   return out;
 }
 

@@ -1,12 +1,14 @@
 #pragma once
-// Internal to the room: what a field may be. A rule judges the field's generated value and says in words what is right; refusals and
-// PROTOCOL.md use the same words.
+// Internal to the room: what a field may be. A rule judges the field's value and says in words what is right; refusals and PROTOCOL.md use
+// the same words.
 
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <limits>
+#include <span>
 #include <string>
+#include <string_view>
 #include <type_traits>
 #include <utility>
 
@@ -65,29 +67,32 @@ std::string Range<T>::words() const {
 struct Bytes {
   std::size_t most;
   std::string words() const { return "at most " + bytesWords(most); }
-  bool holds(const std::string& s) const { return s.size() <= most; }
+  bool holds(std::string_view s) const { return s.size() <= most; }
 };
 
 struct Text {
   std::size_t most;
   std::string words() const { return Bytes{most}.words() + ", no control characters"; }
-  bool holds(const std::string& s) const {
+  bool holds(std::string_view s) const {
     return s.size() <= most && std::none_of(s.begin(), s.end(), [](unsigned char c) { return c < 0x20 || c == 0x7f; });
   }
 };
 
-// A generated enum, by its functions IsValid and Name.
+// An enum of the schema, by the names of its values from 0 on.
 struct OneOf {
-  bool (*valid)(int);
-  const std::string& (*name)(int);
+  std::span<const char* const> names;
   std::string words() const;
-  bool holds(int v) const { return valid(v); }
+  bool holds(auto v) const { return knows(v); }
+
+ protected:
+  bool knows(auto v) const { return static_cast<int>(v) >= 0 && static_cast<std::size_t>(v) < names.size(); }
 };
 
 // Of a later revision, read as 0.
 struct OneOfOrFirst : OneOf {
   std::string words() const { return OneOf::words() + "; others count as the first"; }
-  bool holds(int) const { return true; }
+  bool holds(auto) const { return true; }
+  auto orFirst(auto v) const { return knows(v) ? v : decltype(v){}; }
 };
 
 template <class Each = Any>
@@ -107,10 +112,16 @@ struct Entries {
 template <class Each = Any>
 Entries(std::size_t, Each = {}) -> Entries<Each>;
 
-// The encoded size of a message, before it is built. Fields that name the same number share it.
+// The encoded size of a message, before it is built.
 struct Encoded {
-  const std::size_t* most;
-  std::string words() const { return Bytes{*most}.words(); }
+  std::size_t most;
+  std::string words() const { return Bytes{most}.words(); }
+  bool holds(const auto&) const { return true; }
+};
+
+// A message that must be there.
+struct Present {
+  std::string words() const { return "present"; }
   bool holds(const auto&) const { return true; }
 };
 

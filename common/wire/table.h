@@ -1,21 +1,24 @@
 #pragma once
-// Internal to the room: a table for each message says of every field what it is called, where it stands in the value of messages.h and what
-// it may be. Reading, writing, refusals, counting before anything is built, and the ranges that PROTOCOL.md states follow from it.
-//   V  the value, a type of messages.h      P  the generated message
+// Internal to the room: a table for each message says of every field its number and name, where it stands in the value of messages.h and
+// what it may be. Reading, writing, refusals, counting before anything is built, and the ranges that PROTOCOL.md states follow from it.
+//   V  the value, a type of messages.h      T  the tag of its table
+// A message is read in one pass: its fields are found, then each row, in the table's order, reads its own and judges it. Fields that come
+// twice count as in protobuf: the last of a number or of bytes, all of a list; parts of a message are one; of a oneof the last kind is
+// left.
 
-#include <map>
+#include <algorithm>
+#include <array>
+#include <memory>
 #include <optional>
-#include <span>
 #include <string>
+#include <string_view>
 #include <tuple>
 #include <type_traits>
 #include <utility>
 #include <variant>
 #include <vector>
 
-#include <google/protobuf/io/coded_stream.h>
-#include <google/protobuf/wire_format_lite.h>
-
+#include "common/wire/coding.h"
 #include "common/wire/rules.h"
 #include "common/wire/wire.h"
 
@@ -30,31 +33,20 @@ template <class... Row>
 constexpr Table<Row...> table(const char* message, Row... rows) {
   return {message, {rows...}};
 }
-template <class P>
+template <class T>
 inline constexpr auto kTable = nullptr;  // each message's own below
+template <class V>
+struct TableOf;  // its type: the tag of a value's table
 
-// What is wrong, in words; empty as long as nothing is.
-using Refusal = std::string;
+struct Verdict {
+  std::string refusal;     // in words; empty as long as nothing is wrong
+  bool malformed = false;  // no message of the schema; may say so beside a refusal that came first
+};
 
-template <class P>
-bool require(bool right, const char* field, const auto& rule, Refusal& refusal) {
-  if (!right) refusal = std::string(kTable<P>.message) + "." + field + " must be " + rule.words();
+template <class T>
+bool require(bool right, const char* field, const auto& rule, Verdict& verdict) {
+  if (!right) verdict.refusal = std::string(kTable<T>.message) + "." + field + " must be " + rule.words();
   return right;
-}
-
-// Every row in turn, until one fails.
-template <class P, class Do>
-bool everyRow(const Do& act) {
-  return std::apply([&](const auto&... row) { return (act(row) && ...); }, kTable<P>.rows);
-}
-
-template <class V, class P>
-bool read(V& value, P& in, Refusal& refusal) {
-  return everyRow<P>([&](const auto& row) { return row.read(value, in, refusal); });
-}
-template <class V, class P>
-void write(const V& value, P& out) {
-  everyRow<P>([&](const auto& row) { return row.write(value, out), true; });
 }
 
 // ---- how a member of a value is laid down ----
@@ -71,164 +63,268 @@ struct Maybe<std::optional<T>> : std::true_type {};
 template <class M>
 concept Bytelike = std::is_same_v<M, std::string> || std::is_same_v<M, std::vector<std::uint8_t>>;
 template <class M>
-concept Number = std::is_arithmetic_v<M> || std::is_enum_v<M>;
-template <class M>
 concept Messages = ListOf<M>::value && std::is_class_v<typename M::value_type>;
 template <class M>
 concept Numbers = ListOf<M>::value && !Messages<M> && !Bytelike<M>;
 template <class M>
-concept Message = !Number<M> && !Bytelike<M> && !ListOf<M>::value && !Maybe<M>::value;
+concept Message = !Number<M> && !Bytelike<M> && !ListOf<M>::value;  // or an optional one
 
-// A field of a message that is not built: its number, and its content when it is length-delimited.
-struct Field {
-  std::uint32_t number = 0;
-  bool delimited = false;
-  std::span<const std::uint8_t> content;
+// ---- a table as a whole ----
+
+// What a message holds of a row's field.
+struct Held {
+  bool there = false;
+  std::size_t entries = 0;  // of a list; of what is bounded as it is encoded: bytes
+  Content last;
+  std::unique_ptr<std::vector<Content>> earlier;      // of a list; with the last as many as entries at most
+  std::unique_ptr<std::vector<std::uint8_t>> joined;  // of a message that came in parts; the last is all of it
+  void list(Content next) {
+    if (there && !earlier) earlier = std::make_unique<std::vector<Content>>();
+    if (there) earlier->push_back(last);
+    last = next;
+  }
+  void join(Content part) {
+    if (there && !joined) joined = std::make_unique<std::vector<std::uint8_t>>(last.begin(), last.end());
+    if (there) joined->insert(joined->end(), part.begin(), part.end());
+    last = there ? Content(*joined) : part;
+  }
 };
-// Moves `bytes` behind the field. False: malformed (groups count as malformed).
-inline bool nextField(std::span<const std::uint8_t>& bytes, Field& field) {
-  using Wire = google::protobuf::internal::WireFormatLite;
-  google::protobuf::io::CodedInputStream in(bytes.data(), static_cast<int>(bytes.size()));
-  const std::uint32_t tag = in.ReadTag();
-  const Wire::WireType type = Wire::GetTagWireType(tag);
-  field = {.number = tag >> 3, .delimited = type == Wire::WIRETYPE_LENGTH_DELIMITED, .content = {}};
-  if (field.number == 0 || type == Wire::WIRETYPE_START_GROUP) return false;
-  int length = 0;
-  if (field.delimited ? !in.ReadVarintSizeAsInt(&length) || !in.Skip(length) : !Wire::SkipField(&in, tag)) return false;
-  const auto end = static_cast<std::size_t>(in.CurrentPosition());
-  if (field.delimited) field.content = bytes.first(end).last(static_cast<std::size_t>(length));
-  bytes = bytes.subspan(end);
-  return true;
+template <class T>
+inline constexpr std::size_t kRows = std::tuple_size_v<decltype(kTable<T>.rows)>;
+template <class T>
+struct Found {
+  std::array<Held, kRows<T>> held{};
+  std::size_t chosen = kRows<T>;  // the row of a oneof's kind
+};
+
+// Every row in turn with its index, until one fails.
+template <class T, class Do>
+bool everyRow(const Do& act) {
+  return std::apply(
+      [&](const auto&... row) {
+        std::size_t k = 0;
+        return (act(row, k++) && ...);
+      },
+      kTable<T>.rows);
 }
 
-// Entries of repeated fields and bytes of messages seen so far, by what bounds them.
-using Counts = std::map<const void*, std::size_t>;
+// Looks for too many entries before any is built.
+template <class V, class T>
+bool find(Content bytes, Found<T>& found, Verdict& verdict) {
+  while (!bytes.empty()) {
+    Field field;
+    if (!takeField(bytes, field)) return verdict.malformed = true, false;
+    if (!everyRow<T>([&](const auto& row, std::size_t k) {
+          if (row.number != field.number || !row.template takes<V>(field.type)) return true;
+          if (row.kKind && found.chosen != k) {
+            if (found.chosen != kRows<T>) found.held[found.chosen] = {};
+            found.chosen = k;
+          }
+          return row.template find<V, T>(field, found.held[k], verdict);
+        }))
+      return false;
+  }
+  return true;
+}
+// False: not read to its end, since it is refused or malformed, or means nothing further on (EndsWhere).
+template <class T, class V>
+bool read(V& value, Found<T>& found, Verdict& verdict) {
+  return everyRow<T>([&](const auto& row, std::size_t k) { return row.template read<T>(value, found, found.held[k], verdict); });
+}
+template <class T, class V>
+bool read(V& value, Content bytes, Verdict& verdict) {
+  Found<T> found;
+  return find<V>(bytes, found, verdict) && read<T>(value, found, verdict);
+}
 
-template <class V, class P>
-bool scan(std::span<const std::uint8_t> bytes, Counts& counts, Refusal& refusal);
-template <class V, class P>
-constexpr bool anyCounted();
+// Rows by the numbers of their fields, the order in which they are written.
+template <class T>
+consteval auto written() {
+  const auto numbers = std::apply([](const auto&... row) { return std::array{row.number...}; }, kTable<T>.rows);
+  std::array<std::size_t, kRows<T>> order{};
+  for (std::size_t k = 0; k < order.size(); ++k) order[k] = k;
+  std::sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) { return numbers[a] < numbers[b]; });
+  return order;
+}
+template <class T, class V>
+void write(const V& value, auto& out) {  // to a string, or Counted
+  static constexpr auto kOrder = written<T>();
+  [&]<std::size_t... k>(std::index_sequence<k...>) { (std::get<kOrder[k]>(kTable<T>.rows).write(value, out), ...); }
+  (std::make_index_sequence<kOrder.size()>{});
+}
 
 // ---- rows ----
 
-// FIELD of tables.h makes them: functions to the value's member and to the generated accessors.
-template <class Rule, class Member, class Get, class Mutable, class Has, class Set>
+// FIELD of tables.h makes them. Inner: the tag of the inner message's table; void: that of its value's type.
+template <class Inner, class Rule, class Member>
 struct Row {
+  static constexpr bool kKind = false;  // of a oneof
+  std::uint32_t number;
+  Form form;
   const char* name;
   Rule rule;
   Member member;
-  Get get;
-  Mutable mutate;
-  Has has;
-  Set set;
 
   template <class V>
   using MemberOf = std::remove_cvref_t<std::invoke_result_t<Member, V&>>;
-  template <class P>
-  using InnerOf = std::remove_pointer_t<std::invoke_result_t<Mutable, P&>>;
+  template <class M>
+  struct InnerOf : std::conditional<std::is_void_v<Inner>, TableOf<M>, std::type_identity<Inner>>::type {};
+  template <class M>
+  requires ListOf<M>::value || Maybe<M>::value struct InnerOf<M> : InnerOf<typename M::value_type> {
+  };
 
-  template <class V, class P>
-  bool read(V& value, P& in, Refusal& refusal) const {
+  template <class V>
+  bool takes(WireType type) const {
     using M = MemberOf<V>;
-    M& out = member(value);
-    if (!require<P>(rule.holds(get(in)), name, rule, refusal)) return false;
     if constexpr (Number<M>) {
-      out = static_cast<M>(get(in));
-      if constexpr (std::is_same_v<Rule, OneOfOrFirst>) out = rule.valid(static_cast<int>(out)) ? out : M{};
-    } else if constexpr (Bytelike<M>) {
-      if (get(in).empty()) return true;
-      out.assign(get(in).begin(), get(in).end());
-      std::string().swap(*mutate(in));  // never twice in memory for long
+      return type == wireTypeOf<M>(form);
     } else if constexpr (Numbers<M>) {
-      out.assign(get(in).begin(), get(in).end());
-    } else if constexpr (Messages<M>) {
-      out.reserve(static_cast<std::size_t>(get(in).size()));
-      for (auto& inner : *mutate(in))
-        if (!wire::read(out.emplace_back(), inner, refusal)) return false;
-    } else if constexpr (Maybe<M>::value) {
-      return !has(in) || wire::read(out.emplace(), *mutate(in), refusal);
+      return type == WireType::kDelimited || type == wireTypeOf<typename M::value_type>(form);
     } else {
-      return wire::read(out, *mutate(in), refusal);
+      return type == WireType::kDelimited;
     }
+  }
+
+  template <class V, class T>
+  bool find(const Field& field, Held& held, Verdict& verdict) const {
+    using M = MemberOf<V>;
+    std::size_t entries = 1;
+    if constexpr (Numbers<M>) {
+      const WireType each = wireTypeOf<typename M::value_type>(form);
+      if (field.type == WireType::kDelimited && !countPacked(field.content, each, entries)) return verdict.malformed = true, false;
+      if (entries == 0) return true;
+    }
+    if constexpr (std::is_same_v<Rule, Encoded>) entries = field.content.size();
+    held.entries += entries;
+    if constexpr (ListOf<M>::value || std::is_same_v<Rule, Encoded>)
+      if (!require<T>(held.entries <= rule.most, name, rule, verdict)) return false;
+    if constexpr (Messages<M> || Numbers<M>) {
+      held.list(field.content);
+    } else if constexpr (Message<M>) {
+      held.join(field.content);
+    } else {
+      held.last = field.content;
+    }
+    held.there = true;
     return true;
   }
 
-  template <class V, class P>
-  void write(const V& value, P& out) const {
+  template <class T, class V>
+  bool read(V& value, const Found<T>&, Held& held, Verdict& verdict) const {
+    return readInto<T>(member(value), held, verdict);
+  }
+
+  template <class V>
+  void write(const V& value, auto& out) const {
     using M = MemberOf<const V>;
     const M& in = member(value);
     if constexpr (Number<M>) {
-      set(out, static_cast<std::remove_cvref_t<decltype(get(out))>>(in));
+      if (bitsOf(in, form) == 0) return;
+      putTag(out, number, wireTypeOf<M>(form));
+      putNumber(out, form, in);
     } else if constexpr (Bytelike<M>) {
-      mutate(out)->assign(in.begin(), in.end());
+      writeBytes(std::string_view(reinterpret_cast<const char*>(in.data()), in.size()), out);
     } else if constexpr (Numbers<M>) {
-      mutate(out)->Add(in.begin(), in.end());
+      if (in.empty()) return;
+      delimited(out, [&] { putNumbers(out, form, in); });
     } else if constexpr (Messages<M>) {
-      for (const auto& inner : in) wire::write(inner, *mutate(out)->Add());
+      for (const auto& inner : in) writeInner<M>(inner, out);
     } else if constexpr (Maybe<M>::value) {
-      if (in) wire::write(*in, *mutate(out));
+      if (in) writeInner<M>(*in, out);
     } else {
-      wire::write(in, *mutate(out));
+      writeInner<M>(in, out);
     }
   }
 
-  // Counts it in the bytes of a message, and what is counted inside of it.
-  template <class V, class P>
-  bool scan(const Field& field, Counts& counts, Refusal& refusal) const {
-    using M = MemberOf<V>;
-    if constexpr (counted<V, P>()) {
-      if (field.number != number<P>()) return true;
-      if constexpr (Messages<M>) return require<P>(++counts[this] <= rule.most, name, rule, refusal);
-      if constexpr (std::is_same_v<Rule, Encoded>) {
-        const std::size_t bytes = counts[rule.most] += field.content.size();
-        if (!require<P>(bytes <= *rule.most, name, rule, refusal)) return false;
+ protected:
+  void writeBytes(std::string_view in, auto& out) const {
+    if (!in.empty()) delimited(out, [&] { out.append(in.data(), in.size()); });
+  }
+  void delimited(auto& out, const auto& content) const {
+    putTag(out, number, WireType::kDelimited);
+    const std::size_t begin = out.size();
+    content();
+    putLength(out, begin);
+  }
+  template <class T, class M>
+  bool readInto(M& out, Held& held, Verdict& verdict) const {
+    if constexpr (Number<M>) {
+      out = {};
+      if (held.there && !takeNumber(held.last, form, out)) return verdict.malformed = true, false;
+      if (!require<T>(rule.holds(out), name, rule, verdict)) return false;
+      if constexpr (std::is_same_v<Rule, OneOfOrFirst>) out = rule.orFirst(out);
+    } else if constexpr (Bytelike<M>) {
+      if (!require<T>(rule.holds(std::string_view(reinterpret_cast<const char*>(held.last.data()), held.last.size())), name, rule, verdict))
+        return false;
+      out.assign(held.last.begin(), held.last.end());
+    } else if constexpr (ListOf<M>::value) {
+      out.reserve(held.entries);
+      if (held.earlier)
+        for (const Content piece : *held.earlier)
+          if (!readEntries(out, piece, verdict)) return false;
+      if (held.there && !readEntries(out, held.last, verdict)) return false;
+      return require<T>(rule.holds(out), name, rule, verdict);
+    } else {
+      if constexpr (std::is_same_v<Rule, Present>)
+        if (!require<T>(held.there, name, rule, verdict)) return false;
+      if constexpr (Maybe<M>::value) {
+        if (held.there && !wire::read<typename InnerOf<M>::type>(out.emplace(), held.last, verdict)) return false;
+      } else {
+        if (!wire::read<typename InnerOf<M>::type>(out, held.last, verdict)) return false;
       }
-      if constexpr (innerCounted<M, P>()) return !field.delimited || wire::scan<M, InnerOf<P>>(field.content, counts, refusal);
+      return require<T>(rule.holds(out), name, rule, verdict);
     }
     return true;
   }
-  template <class V, class P>
-  static constexpr bool counted() {
-    return Messages<MemberOf<V>> || std::is_same_v<Rule, Encoded> || innerCounted<MemberOf<V>, P>();
-  }
 
  private:
-  template <class M, class P>
-  static constexpr bool innerCounted() {
-    if constexpr (Message<M>) return anyCounted<M, InnerOf<P>>();
-    return false;
+  template <class M>
+  bool readEntries(M& out, Content piece, Verdict& verdict) const {
+    if constexpr (Messages<M>) {
+      return wire::read<typename InnerOf<M>::type>(out.emplace_back(), piece, verdict);
+    } else {
+      return takeNumbers(piece, form, out) || (verdict.malformed = true, false);
+    }
   }
-  // The only tag of a message that holds nothing but this field.
-  template <class P>
-  std::uint32_t number() const {
-    static const std::uint32_t known = [this] {
-      P message;
-      if constexpr (requires(InnerOf<P> & list) { list.Add(); }) {
-        mutate(message)->Add();
-      } else {
-        mutate(message);
-      }
-      const std::string bytes = message.SerializeAsString();
-      google::protobuf::io::CodedInputStream in(reinterpret_cast<const std::uint8_t*>(bytes.data()), static_cast<int>(bytes.size()));
-      return in.ReadTag() >> 3;
-    }();
-    return known;
+  template <class M, class V>
+  void writeInner(const V& inner, auto& out) const {
+    delimited(out, [&] { wire::write<typename InnerOf<M>::type>(inner, out); });
   }
 };
-template <class... Part>
-Row(const char*, Part...) -> Row<Part...>;
+
+// An optional value that travels as another one, `Sent`, which is made of it and made into it.
+template <class Sent, class Base>
+struct SentAs : Base {
+  template <class T, class V>
+  bool read(V& value, const Found<T>&, Held& held, Verdict& verdict) const {
+    if (!held.there) return true;
+    Sent sent;
+    if (!wire::read<typename TableOf<Sent>::type>(sent, held.last, verdict)) return false;
+    this->member(value) = sent.value();
+    return true;
+  }
+  template <class V>
+  void write(const V& value, auto& out) const {
+    if (const auto& in = this->member(value)) this->delimited(out, [&] { wire::write<typename TableOf<Sent>::type>(Sent(*in), out); });
+  }
+};
+template <class Sent, class Base>
+constexpr SentAs<Sent, Base> sentAs(Base row) {
+  return {row};
+}
 
 // One kind of a oneof: `chosen` says whether a value is of it; the member of a value that is not const makes it so.
 template <class Base, class Chosen>
 struct Choice : Base {
+  static constexpr bool kKind = true;
   Chosen chosen;
-  template <class V, class P>
-  bool read(V& value, P& in, Refusal& refusal) const {
-    return !this->has(in) || wire::read(this->member(value), *this->mutate(in), refusal);
+  template <class T, class V>
+  bool read(V& value, const Found<T>&, Held& held, Verdict& verdict) const {
+    return !held.there || this->template readInto<T>(this->member(value), held, verdict);
   }
-  template <class V, class P>
-  void write(const V& value, P& out) const {
-    if (chosen(value)) wire::write(this->member(value), *this->mutate(out));
+  template <class V>
+  void write(const V& value, auto& out) const {
+    if (chosen(value)) Base::write(value, out);
   }
 };
 template <class Base, class Chosen>
@@ -237,93 +333,86 @@ Choice(Base, Chosen) -> Choice<Base, Chosen>;
 // A kind that is out of range for itself: the value says why, and the message counts as read.
 template <class Base>
 struct Excused : Base {
-  template <class V, class P>
-  bool read(V& value, P& in, Refusal&) const {
-    Base::read(value, in, value.refusal);
-    return true;
+  template <class T, class V>
+  bool read(V& value, const Found<T>& found, Held& held, Verdict& verdict) const {
+    Verdict own;
+    Base::template read<T>(value, found, held, own);
+    value.refusal = own.refusal;
+    verdict.malformed = own.malformed;
+    return !own.malformed;
   }
 };
 template <class Base>
 Excused(Base) -> Excused<Base>;
 
-struct NoField {
-  template <class V, class P>
-  bool read(V&, P&, Refusal&) const {
-    return true;
-  }
-  template <class V, class P>
-  void write(const V&, P&) const {}
-  template <class V, class P>
-  bool scan(const Field&, Counts&, Refusal&) const {
-    return true;
-  }
-  template <class V, class P>
-  static constexpr bool counted() {
-    return false;
+// Text that is cut to what it may be where it is written.
+template <class Base>
+struct Cut : Base {
+  template <class V>
+  void write(const V& value, auto& out) const {
+    this->writeBytes(std::string_view(this->member(value)).substr(0, this->rule.most), out);
   }
 };
+template <class Base>
+Cut(Base) -> Cut<Base>;
 
-// A rule for what `get` takes from the message; the value gets nothing of it.
-template <class Rule, class Get>
+struct NoField {
+  static constexpr bool kKind = false;
+  static constexpr std::uint32_t number = 0;
+  template <class V>
+  bool takes(WireType) const {
+    return false;
+  }
+  template <class V, class T>
+  bool find(const Field&, Held&, Verdict&) const {
+    return true;
+  }
+  template <class V>
+  void write(const V&, auto&) const {}
+};
+
+// A field that is right where the value, as far as the rows before have read it, says so.
+template <class Rule>
 struct Judged : NoField {
   const char* name;
   Rule rule;
-  Get get;
-  constexpr Judged(const char* field, Rule r, Get g) : name(field), rule(r), get(g) {}
-  template <class V, class P>
-  bool read(V&, P& in, Refusal& refusal) const {
-    return require<P>(rule.holds(get(in)), name, rule, refusal);
+  constexpr Judged(const char* field, Rule r) : name(field), rule(r) {}
+  template <class T, class V>
+  bool read(V& value, const Found<T>&, Held&, Verdict& verdict) const {
+    return require<T>(rule.holds(value), name, rule, verdict);
   }
 };
-// A field that is right where the whole message says so.
-constexpr auto also(const char* field, const char* right, auto holds) {
-  return Judged(
-      field, Valid{right, holds}, [](const auto& p) -> const auto& { return p; });
-}
+constexpr auto also(const char* field, const char* right, auto holds) { return Judged(field, Valid{right, holds}); }
+
+// One kind of a oneof must be there.
+struct AnyKind : Judged<Valid<bool>> {
+  constexpr AnyKind(const char* field, const char* right) : Judged(field, {right, true}) {}
+  template <class T, class V>
+  bool read(V&, const Found<T>& found, Held&, Verdict& verdict) const {
+    return require<T>(found.chosen != kRows<T>, name, rule, verdict);
+  }
+};
 
 // Reads no further where it holds; nothing is refused.
 template <class Predicate>
 struct EndsWhere : NoField {
   Predicate holds;
   constexpr explicit EndsWhere(Predicate p) : holds(p) {}
-  template <class V, class P>
-  bool read(V&, P& in, Refusal&) const {
-    return !holds(in);
+  template <class T, class V>
+  bool read(V& value, const Found<T>&, Held&, Verdict&) const {
+    return !holds(value);
   }
 };
 
-// What no row can say: (value, message) after the rows before it.
-template <class Read, class Write>
+// What no row can say, of the value after the rows before it.
+template <class Act>
 struct Then : NoField {
-  Read reads;
-  Write writes;
-  constexpr Then(Read r, Write w) : reads(r), writes(w) {}
-  template <class V, class P>
-  bool read(V& value, P& in, Refusal&) const {
-    return reads(value, in), true;
-  }
-  template <class V, class P>
-  void write(const V& value, P& out) const {
-    writes(value, out);
+  Act act;
+  constexpr explicit Then(Act a) : act(a) {}
+  template <class T, class V>
+  bool read(V& value, const Found<T>&, Held&, Verdict&) const {
+    return act(value), true;
   }
 };
-
-// ---- tables as a whole ----
-
-template <class V, class P>
-constexpr bool anyCounted() {
-  return std::apply([](const auto&... row) { return (row.template counted<V, P>() || ...); }, kTable<P>.rows);
-}
-
-// Looks for too many entries before any is built. False: refused, or without a refusal no well-formed message.
-template <class V, class P>
-bool scan(std::span<const std::uint8_t> bytes, Counts& counts, Refusal& refusal) {
-  Field field;
-  while (!bytes.empty()) {
-    if (!nextField(bytes, field)) return false;
-    if (!everyRow<P>([&](const auto& row) { return row.template scan<V, P>(field, counts, refusal); })) return false;
-  }
-  return true;
-}
 
 }  // namespace ridgecast::wire

@@ -5,29 +5,43 @@
 
 #include "common/camera/camera.h"
 #include "common/wire/table.h"
-#include "ridgecast/v1/stream.pb.h"
 
 namespace ridgecast::wire {
-
-namespace pb = ridgecast::v1;
 
 // A row a line.
 // clang-format off
 
-#define ROW(NAME, MEMBER, ...) Row{#NAME, rule(__VA_ARGS__), MEMBER, [](const auto& p) -> decltype(auto) { return p.NAME(); }, \
-    [](auto& p) { return p.mutable_##NAME(); }, [](const auto& p) { return p.has_##NAME(); }, [](auto& p, auto v) { p.set_##NAME(v); }}
-// A field of the schema, the member of the value, and its rule; without one it may be anything.
-#define FIELD(NAME, MEMBER, ...) ROW(NAME, [](auto& m) -> auto& { return m.MEMBER; } __VA_OPT__(,) __VA_ARGS__)
+// A field of the schema: its number, its name, the member of the value, and its rule; without one it may be anything. FIELD_OF: one whose
+// table is not that of its value's type.
+#define ROW(TABLE_OF_IT, NUMBER, NAME, MEMBER, ...) row<TABLE_OF_IT>(NUMBER, #NAME, rule(__VA_ARGS__), MEMBER)
+#define FIELD_OF(TAG, NUMBER, NAME, MEMBER, ...) \
+  ROW(TAG, NUMBER, NAME, [](auto& m) -> auto& { return m.MEMBER; } __VA_OPT__(,) __VA_ARGS__)
+#define FIELD(NUMBER, NAME, MEMBER, ...) FIELD_OF(void, NUMBER, NAME, MEMBER __VA_OPT__(,) __VA_ARGS__)
 // A kind of a message: an alternative of the variant. SETTINGS: one that is nothing but settings.
-#define KIND(NAME, TYPE, ...) Choice{ROW(NAME, alternative<TYPE> __VA_OPT__(,) __VA_ARGS__), isOf<TYPE>}
-#define SETTINGS(NAME, TYPE) Choice{ROW(NAME, [](auto& m) -> auto& { return alternative<TYPE>(m).settings; }), isOf<TYPE>}
-// A kind of a query.
-#define QUESTION(NAME, WHICH) \
-  Choice{ROW(NAME, [](auto& m) -> auto& { return ask<WHICH>(m); }), [](const auto& m) { return m.kind == (WHICH); }}
-// A field that is judged, and read elsewhere.
-#define JUDGED(NAME, ...) Judged(#NAME, rule(__VA_ARGS__), [](const auto& p) -> decltype(auto) { return p.NAME(); })
-#define TABLE(NAME, ...) template <> inline constexpr auto kTable<pb::NAME> = table(#NAME, __VA_ARGS__)
-#define ENUM(NAME) pb::NAME##_IsValid, &pb::NAME##_Name<int>
+#define KIND(NUMBER, NAME, TYPE, ...) Choice{ROW(void, NUMBER, NAME, alternative<TYPE> __VA_OPT__(,) __VA_ARGS__), isOf<TYPE>}
+#define SETTINGS(NUMBER, NAME, TYPE) \
+  Choice{ROW(void, NUMBER, NAME, [](auto& m) -> auto& { return alternative<TYPE>(m).settings; }), isOf<TYPE>}
+// A kind of a query, with the table of what it asks.
+#define QUESTION(TAG, NUMBER, NAME, WHICH) \
+  Choice{ROW(TAG, NUMBER, NAME, [](auto& m) -> auto& { return ask<WHICH>(m); }), [](const auto& m) { return m.kind == (WHICH); }}
+// The table of a message, and that of a value's type; a further table of one.
+#define FURTHER_TABLE(TAG, NAME, ...) struct TAG {}; template <> inline constexpr auto kTable<TAG> = table(#NAME, __VA_ARGS__)
+#define TABLE(NAME, VALUE, ...) FURTHER_TABLE(NAME##Table, NAME, __VA_ARGS__); \
+    template <> struct TableOf<VALUE> { using type = NAME##Table; }
+
+// Where the value's type does not say how the schema holds a number.
+struct Numbered {
+  std::uint32_t number;
+  Form form = Form::kOfType;
+  constexpr Numbered(std::uint32_t n, Form f = Form::kOfType) : number(n), form(f) {}
+};
+constexpr Numbered fixed64(std::uint32_t number) { return {number, Form::kFixed64}; }
+constexpr Numbered uint32(std::uint32_t number) { return {number, Form::kUnsigned}; }
+
+template <class Inner, class Rule, class Member>
+constexpr auto row(Numbered numbered, const char* name, Rule rule, Member member) {
+  return Row<Inner, Rule, Member>{numbered.number, numbered.form, name, rule, member};
+}
 
 constexpr Any rule() { return {}; }
 constexpr auto rule(auto given) { return given; }
@@ -54,10 +68,14 @@ inline constexpr auto kMs = Range{0.0, 1e15, "ms"};
 inline constexpr auto kPixels = Range{1u, 32'768u, "pixels"};
 inline constexpr auto kDirection = within(1e6, "");
 inline constexpr Text kName{kMaxNameBytes};
-inline constexpr auto kOtherVersion = EndsWhere([](const auto& p) { return p.protocol_version() != kProtocolVersion; });
-inline constexpr Valid kLeaf{"a valid address", [](const pb::LeafAddress& a) {
-  return a.level() <= std::uint32_t{lattice::kMaxLevel} && lattice::addressIsValid({static_cast<std::int32_t>(a.level()), a.i(), a.j()});
-}};
+inline constexpr auto kOtherVersion = EndsWhere([](const auto& m) { return m.protocolVersion != kProtocolVersion; });
+inline constexpr Valid kLeaf{"a valid address", lattice::addressIsValid};
+inline constexpr const char* kMetricNames[] = {"METRIC_DEFAULT", "METRIC_PIXELS", "METRIC_THESIS", "METRIC_AREA"};
+inline constexpr const char* kPacingNames[] = {"PACING_FREE", "PACING_LOCKSTEP"};
+inline constexpr const char* kRoleNames[] = {"ROLE_VIEWER", "ROLE_SENSOR"};
+inline constexpr const char* kClockModeNames[] = {"CLOCK_REAL_TIME", "CLOCK_SCALED", "CLOCK_STEPPED"};
+inline constexpr const char* kErrorCodeNames[] = {"CODE_UNSPECIFIED", "CODE_VERSION", "CODE_MALFORMED", "CODE_INVALID",
+                                                  "CODE_LIMIT", "CODE_NOT_FOUND", "CODE_INTERNAL", "CODE_GOING_AWAY"};
 inline constexpr auto kPitch = Range{terrain::kMinPitch, terrain::kMaxPitch, "parts"};  // of a step, 2^20 of them
 inline constexpr std::int64_t kMaxTile =
     2 * lattice::kMaxPosition / (std::int64_t{terrain::kMinPitch >> terrain::kPitchBits} << terrain::kTileBits) + 1;
@@ -65,320 +83,325 @@ inline constexpr auto kTilePlace = Range{-kMaxTile, kMaxTile, "", "on the lattic
 
 // ---- both ways ----
 
-TABLE(LeafAddress, FIELD(level, level), FIELD(i, i), FIELD(j, j));
+TABLE(LeafAddress, lattice::LeafAddress, FIELD(uint32(1), level, level), FIELD(2, i, i), FIELD(3, j, j));
 
-TABLE(TileAddress, FIELD(i, i, kTilePlace), FIELD(j, j, kTilePlace));
+TABLE(TileAddress, terrain::TileAddress, FIELD(1, i, i, kTilePlace), FIELD(2, j, j, kTilePlace));
 
-TABLE(Settings,
-    FIELD(metric, metric, OneOf{ENUM(Metric)}),
-    FIELD(threshold, threshold, Range{0.0, kMaxThreshold}),
-    FIELD(triangle_budget, triangleBudget), FIELD(bytes_per_second, bytesPerSecond), FIELD(candidates, candidates),
-    FIELD(colour_error, colourError, Range{0.0, settings::kMostColourError}));
+TABLE(Settings, Settings,
+    FIELD(1, metric, metric, OneOf{kMetricNames}),
+    FIELD(2, threshold, threshold, Range{0.0, kMaxThreshold}),
+    FIELD(3, triangle_budget, triangleBudget), FIELD(4, bytes_per_second, bytesPerSecond), FIELD(5, candidates, candidates),
+    FIELD(6, colour_error, colourError, Range{0.0, settings::kMostColourError}));
 
-TABLE(Pose,
-    FIELD(sequence, sequence, atLeast(std::uint64_t{1})),
-    FIELD(x, camera.pose.x, kPlace),
-    FIELD(z, camera.pose.z, kPlace),
-    FIELD(y, camera.pose.y, kHeight),
-    FIELD(yaw, camera.pose.yaw, within(1e6, "radians")),
-    FIELD(pitch, camera.pose.pitch, Range{-std::numbers::pi / 2 - 1e-9, std::numbers::pi / 2 + 1e-9, "radians", "within +-pi/2"}),
-    FIELD(vertical_fov, camera.projection.verticalFov, Range{0.01, 3.0, "radians"}),
-    FIELD(width, camera.projection.width, kPixels),
-    FIELD(height, camera.projection.height, kPixels),
-    FIELD(state, state, Bytes{kMaxStateBytes}));
+TABLE(Pose, PoseMessage,
+    FIELD(1, sequence, sequence, atLeast(std::uint64_t{1})),
+    FIELD(2, x, camera.pose.x, kPlace),
+    FIELD(3, z, camera.pose.z, kPlace),
+    FIELD(4, y, camera.pose.y, kHeight),
+    FIELD(5, yaw, camera.pose.yaw, within(1e6, "radians")),
+    FIELD(6, pitch, camera.pose.pitch, Range{-std::numbers::pi / 2 - 1e-9, std::numbers::pi / 2 + 1e-9, "radians", "within +-pi/2"}),
+    FIELD(7, vertical_fov, camera.projection.verticalFov, Range{0.01, 3.0, "radians"}),
+    FIELD(8, width, camera.projection.width, kPixels),
+    FIELD(9, height, camera.projection.height, kPixels),
+    FIELD(10, state, state, Bytes{kMaxStateBytes}));
 
-TABLE(LeafWhole,
-    FIELD(address, address, kLeaf),
-    FIELD(triangles, triangles, atMost(kMaxLeafTriangles, "")),
-    FIELD(vertices, vertices),
-    also("vertices", "0 without triangles, else 3 to 3 x triangles", [](const pb::LeafWhole& p) {
-      const std::uint64_t n = p.triangles();
-      return n == 0 ? p.vertices() == 0 : p.vertices() >= 3 && p.vertices() <= 3 * n;
+TABLE(LeafWhole, LeafWhole,
+    FIELD(1, address, address, kLeaf),
+    FIELD(3, triangles, triangles, atMost(kMaxLeafTriangles, "")),
+    FIELD(2, vertices, vertices),
+    also("vertices", "0 without triangles, else 3 to 3 x triangles", [](const LeafWhole& m) {
+      const std::uint64_t n = m.triangles;
+      return n == 0 ? m.vertices == 0 : m.vertices >= 3 && m.vertices <= 3 * n;
     }),
-    also("payload", "absent exactly when there are no triangles", [](const pb::LeafWhole& p) {
-      return p.payload().empty() == (p.triangles() == 0);
+    FIELD(4, payload, payload, Bytes{kMaxPayloadBytes}),
+    also("payload", "absent exactly when there are no triangles", [](const LeafWhole& m) {
+      return m.payload.empty() == (m.triangles == 0);
     }),
-    FIELD(payload, payload, Bytes{kMaxPayloadBytes}),
-    FIELD(error, error, kLeafError),
-    FIELD(shades, shades, Bytes{kMaxShadeBytes}));
+    FIELD(5, error, error, kLeafError),
+    FIELD(20, shades, shades, Bytes{kMaxShadeBytes}));
 
-TABLE(Moved,
-    FIELD(camera, camera),
-    also("pose", "present", [](const pb::Moved& p) { return p.has_pose(); }),
-    FIELD(pose, pose),
-    FIELD(time, time, kMicroseconds));
+TABLE(Moved, Moved,
+    FIELD(1, camera, camera),
+    FIELD(2, pose, pose, Present{}),
+    FIELD(3, time, time, kMicroseconds));
 
 // ---- client to server ----
 
-TABLE(Hello,
-    FIELD(protocol_version, protocolVersion),
-    FIELD(client_name, clientName, kName),
+TABLE(Hello, Hello,
+    FIELD(1, protocol_version, protocolVersion),
+    FIELD(2, client_name, clientName, kName),
     kOtherVersion,
-    FIELD(settings, settings),
-    FIELD(pacing, pacing, OneOf{ENUM(Pacing)}),
-    FIELD(points, points),
-    FIELD(role, role, OneOfOrFirst{ENUM(Role)}),
-    FIELD(members, members), FIELD(clock, clock), FIELD(errors, errors), FIELD(edits, edits), FIELD(edits_after, editsAfter));
+    FIELD(3, settings, settings),
+    FIELD(4, pacing, pacing, OneOf{kPacingNames}),
+    FIELD(10, points, points),
+    FIELD(6, role, role, OneOfOrFirst{kRoleNames}),
+    FIELD(7, members, members), FIELD(8, clock, clock), FIELD(9, errors, errors), FIELD(11, edits, edits),
+    FIELD(12, edits_after, editsAfter));
 
-TABLE(Acknowledge, FIELD(iteration, iteration), FIELD(mesh_hash, meshHash));
+TABLE(Acknowledge, Acknowledge, FIELD(1, iteration, iteration), FIELD(fixed64(2), mesh_hash, meshHash));
 
-TABLE(ResendLeaves, FIELD(leaves, leaves, Entries{kMaxResendLeaves, kLeaf}));
+TABLE(ResendLeaves, ResendLeaves, FIELD(1, leaves, leaves, Entries{kMaxResendLeaves, kLeaf}));
 
-TABLE(HeldLeaf, FIELD(address, address, kLeaf), FIELD(hash, hash));
-TABLE(Resume, FIELD(leaves, leaves, Entries{kMaxResumeLeaves}));
+TABLE(HeldLeaf, HeldLeaf, FIELD(1, address, address, kLeaf), FIELD(fixed64(2), hash, hash));
+TABLE(Resume, Resume, FIELD(1, leaves, leaves, Entries{kMaxResumeLeaves}));
 
-TABLE(AskClock, FIELD(echo, echo));
+TABLE(AskClock, AskClock, FIELD(1, echo, echo));
 
-TABLE(SetClock,
-    FIELD(own, own),
-    FIELD(mode, mode, OneOf{ENUM(ClockMode)}),
-    FIELD(rate, rate, kRate),
-    FIELD(time, time, kMicroseconds));
+TABLE(SetClock, SetClock,
+    FIELD(1, own, own),
+    FIELD(2, mode, mode, OneOf{kClockModeNames}),
+    FIELD(3, rate, rate, kRate),
+    FIELD(4, time, time, kMicroseconds));
 
-TABLE(Step,
-    FIELD(time, time, Range{std::uint64_t{1}, kMaxStepTime, "microseconds"}),
-    FIELD(wait, wait));
+TABLE(Step, ClockStep,
+    FIELD(1, time, time, Range{std::uint64_t{1}, kMaxStepTime, "microseconds"}),
+    FIELD(2, wait, wait));
 
-TABLE(StepDone, FIELD(step, step));
+TABLE(StepDone, StepDone, FIELD(1, step, step));
 
-TABLE(PassOver, FIELD(camera, camera));
+TABLE(PassOver, PassOver, FIELD(1, camera, camera));
 
-TABLE(Places,
-    FIELD(x, x, Entries{kMaxPlaces, kPlace}),
-    FIELD(z, z, Entries{kMaxPlaces, kPlace}),
-    also("z", "as many as x", [](const pb::Places& p) { return p.x_size() == p.z_size(); }),
-    FIELD(spacing, spacing, atMost(kMaxSpacing, "steps")));
+FURTHER_TABLE(PlacesTable, Places,
+    FIELD(1, x, x, Entries{kMaxPlaces, kPlace}),
+    FIELD(2, z, z, Entries{kMaxPlaces, kPlace}),
+    also("z", "as many as x", [](const Query& m) { return m.x.size() == m.z.size(); }),
+    FIELD(3, spacing, spacing, atMost(kMaxSpacing, "steps")));
 
-TABLE(Ray,
-    FIELD(x, x, kPlace),
-    FIELD(z, z, kPlace),
-    FIELD(y, y, kHeight),
-    FIELD(direction_x, directionX, kDirection),
-    FIELD(direction_y, directionY, kDirection),
-    FIELD(direction_z, directionZ, kDirection),
-    also("direction_x", "at least 1e-6 in size, or one of the others", [](const pb::Ray& p) {
-      return std::max({std::abs(p.direction_x()), std::abs(p.direction_y()), std::abs(p.direction_z())}) >= 1e-6;
+TABLE(Ray, Ray,
+    FIELD(1, x, x, kPlace),
+    FIELD(2, z, z, kPlace),
+    FIELD(3, y, y, kHeight),
+    FIELD(4, direction_x, directionX, kDirection),
+    FIELD(5, direction_y, directionY, kDirection),
+    FIELD(6, direction_z, directionZ, kDirection),
+    also("direction_x", "at least 1e-6 in size, or one of the others", [](const Ray& m) {
+      return std::max({std::abs(m.directionX), std::abs(m.directionY), std::abs(m.directionZ)}) >= 1e-6;
     }),
-    FIELD(reach, reach, Range{0.0, kMaxReach, "m"}));
-TABLE(Rays, FIELD(rays, rays, Entries{kMaxRays}));
+    FIELD(7, reach, reach, Range{0.0, kMaxReach, "m"}));
+FURTHER_TABLE(RaysTable, Rays, FIELD(1, rays, rays, Entries{kMaxRays}));
 
-TABLE(Query,
-    FIELD(id, id),
-    also("kind", "heights, normals or rays", [](const pb::Query& p) { return p.kind_case() != pb::Query::KIND_NOT_SET; }),
-    QUESTION(heights, QueryKind::kHeights),
-    QUESTION(normals, QueryKind::kNormals),
-    Excused{QUESTION(rays, QueryKind::kRays)});
+TABLE(Query, Query,
+    FIELD(1, id, id),
+    AnyKind("kind", "heights, normals or rays"),
+    QUESTION(PlacesTable, 2, heights, QueryKind::kHeights),
+    QUESTION(PlacesTable, 3, normals, QueryKind::kNormals),
+    Excused{QUESTION(RaysTable, 4, rays, QueryKind::kRays)});
 
-TABLE(AskGround,
-    FIELD(id, id),
-    FIELD(x, at.x, kPlace),
-    FIELD(z, at.z, kPlace),
-    FIELD(radius, radius, Range{1.0, 4096.0, "m"}),
-    FIELD(error, error, Range{0.02, 100.0, "m"}));
+TABLE(AskGround, AskGround,
+    FIELD(1, id, id),
+    FIELD(2, x, at.x, kPlace),
+    FIELD(3, z, at.z, kPlace),
+    FIELD(4, radius, radius, Range{1.0, 4096.0, "m"}),
+    FIELD(5, error, error, Range{0.02, 100.0, "m"}));
 
-TABLE(WantTiles, FIELD(tiles, tiles, Entries{kMaxTiles}));
+TABLE(WantTiles, WantTiles, FIELD(1, tiles, tiles, Entries{kMaxTiles}));
 
-TABLE(Edit,
-    FIELD(id, id),
-    FIELD(key, key, Text{kMaxEditKeyBytes}),
-    FIELD(operation, operation, Bytes{kMaxClientMessageBytes}));
+TABLE(Edit, Edit,
+    FIELD(1, id, id),
+    FIELD(2, key, key, Text{kMaxEditKeyBytes}),
+    FIELD(3, operation, operation, Bytes{kMaxClientMessageBytes}));
 
-TABLE(FindEdits,
-    FIELD(x, at.x, kPlace),
-    FIELD(z, at.z, kPlace),
-    FIELD(radius, radius, Range{0.0, kMaxReach, "m"}),
-    FIELD(since, since));
+TABLE(FindEdits, FindEdits,
+    FIELD(1, x, at.x, kPlace),
+    FIELD(2, z, at.z, kPlace),
+    FIELD(3, radius, radius, Range{0.0, kMaxReach, "m"}),
+    FIELD(4, since, since));
 
-TABLE(WantSquares, FIELD(squares, squares, Entries{kMaxSquares}));
+TABLE(WantSquares, WantSquares, FIELD(1, squares, squares, Entries{kMaxSquares}));
 
-TABLE(ClientMessage,
-    KIND(hello, Hello), KIND(pose, PoseMessage), KIND(acknowledge, Acknowledge), KIND(resend_leaves, ResendLeaves), KIND(resume, Resume),
-    KIND(ask_clock, AskClock), KIND(set_clock, SetClock), KIND(step, ClockStep), KIND(step_done, StepDone), KIND(query, Query),
-    KIND(ask_ground, AskGround), KIND(want_tiles, WantTiles), SETTINGS(change_settings, ChangeSettings), KIND(pass_over, PassOver),
-    KIND(edit, Edit), KIND(find_edits, FindEdits), KIND(want_squares, WantSquares));
+TABLE(ClientMessage, ClientMessage,
+    KIND(1, hello, Hello), KIND(2, pose, PoseMessage), KIND(3, acknowledge, Acknowledge), KIND(4, resend_leaves, ResendLeaves),
+    KIND(5, resume, Resume), KIND(6, ask_clock, AskClock), KIND(7, set_clock, SetClock), KIND(8, step, ClockStep),
+    KIND(9, step_done, StepDone), KIND(10, query, Query), KIND(11, ask_ground, AskGround), KIND(20, want_tiles, WantTiles),
+    SETTINGS(21, change_settings, ChangeSettings), KIND(22, pass_over, PassOver), KIND(23, edit, Edit),
+    KIND(24, find_edits, FindEdits), KIND(25, want_squares, WantSquares));
 
 // ---- server to client ----
 
-TABLE(HeightMap,
-    FIELD(pitch_x, x.pitch, kPitch),
-    FIELD(pitch_z, z.pitch, kPitch),
-    FIELD(origin_x, x.origin, kPlace),
-    FIELD(origin_z, z.origin, kPlace),
-    FIELD(width, width, atLeast(2u)),
-    FIELD(height, height, atLeast(2u)),
-    FIELD(lowest, lowest, within(terrain::kMaxSample, "steps")),
-    FIELD(highest, highest, within(terrain::kMaxSample, "steps")),
-    also("highest", "no lower than lowest", [](const pb::HeightMap& p) { return p.lowest() <= p.highest(); }),
-    FIELD(content, content),
-    FIELD(draped, draped));
+TABLE(HeightMap, terrain::RasterShape,
+    FIELD(10, pitch_x, x.pitch, kPitch),
+    FIELD(11, pitch_z, z.pitch, kPitch),
+    FIELD(2, origin_x, x.origin, kPlace),
+    FIELD(3, origin_z, z.origin, kPlace),
+    FIELD(4, width, width, atLeast(2u)),
+    FIELD(5, height, height, atLeast(2u)),
+    FIELD(6, lowest, lowest, within(terrain::kMaxSample, "steps")),
+    FIELD(7, highest, highest, within(terrain::kMaxSample, "steps")),
+    also("highest", "no lower than lowest", [](const terrain::RasterShape& m) { return m.lowest <= m.highest; }),
+    FIELD(fixed64(8), content, content),
+    FIELD(9, draped, draped));
 
-TABLE(World,
-    FIELD(protocol_version, protocolVersion),
-    FIELD(server_name, serverName, kName),
+TABLE(World, World,
+    FIELD(1, protocol_version, protocolVersion),
+    FIELD(2, server_name, serverName, kName),
     kOtherVersion,
-    FIELD(session, session, Valid{"1 to 64 of A-Z a-z 0-9 . _ -", sessionNameIsValid}),
-    FIELD(terrain_name, terrainName, kName),
-    FIELD(terrain_source, terrainSource, Bytes{kMaxTerrainSourceBytes}),
-    FIELD(seed, seed), FIELD(content_hash, contentHash),
-    FIELD(step_bits, stepBits, Range{unsigned{lattice::kStepBits}, unsigned{lattice::kStepBits}}),
-    FIELD(horizon, horizon, Range{1.0, kMaxHorizon, "m"}),
-    FIELD(settings, settings),
-    FIELD(window, window, Range{1u, kMaxWindow}),
-    FIELD(camera, camera), FIELD(revision, revision), FIELD(height_map, heightMap), FIELD(shaded_vertices, shadedVertices),
-    FIELD(edit, edit), FIELD(compacted, compacted));
+    FIELD(3, session, session, Valid{"1 to 64 of A-Z a-z 0-9 . _ -", sessionNameIsValid}),
+    FIELD(4, terrain_name, terrainName, kName),
+    FIELD(5, terrain_source, terrainSource, Bytes{kMaxTerrainSourceBytes}),
+    FIELD(6, seed, seed), FIELD(fixed64(7), content_hash, contentHash),
+    FIELD(8, step_bits, stepBits, Range{unsigned{lattice::kStepBits}, unsigned{lattice::kStepBits}}),
+    FIELD(9, horizon, horizon, Range{1.0, kMaxHorizon, "m"}),
+    FIELD(10, settings, settings),
+    FIELD(11, window, window, Range{1u, kMaxWindow}),
+    FIELD(12, camera, camera), FIELD(13, revision, revision), FIELD(20, height_map, heightMap), FIELD(21, shaded_vertices, shadedVertices),
+    FIELD(22, edit, edit), FIELD(23, compacted, compacted));
 
-TABLE(Figures,
-    FIELD(select_ms, selectMs, kMs),
-    FIELD(generate_ms, generateMs, kMs),
-    FIELD(refine_ms, refineMs, kMs),
-    FIELD(triangulate_ms, triangulateMs, kMs),
-    FIELD(encode_ms, encodeMs, kMs),
-    FIELD(valid_leaves, leaves), FIELD(leaves, leaves),  // one number; the second is what is read
-    FIELD(visible_leaves, visibleLeaves), FIELD(generated_leaves, generatedLeaves), FIELD(dropped_leaves, droppedLeaves),
-    FIELD(triangles, triangles), FIELD(inserted, inserted), FIELD(removed, removed), FIELD(deferred, deferred), FIELD(heights, heights),
-    FIELD(effective_threshold, effectiveThreshold, Range{0.0, 1e15}), FIELD(insertion_limit, insertionLimit));
+TABLE(Figures, Figures,
+    FIELD(1, select_ms, selectMs, kMs),
+    FIELD(2, generate_ms, generateMs, kMs),
+    FIELD(3, refine_ms, refineMs, kMs),
+    FIELD(4, triangulate_ms, triangulateMs, kMs),
+    FIELD(5, encode_ms, encodeMs, kMs),
+    FIELD(7, valid_leaves, leaves), FIELD(6, leaves, leaves),  // one number; the second is what is read
+    FIELD(8, visible_leaves, visibleLeaves), FIELD(9, generated_leaves, generatedLeaves), FIELD(10, dropped_leaves, droppedLeaves),
+    FIELD(11, triangles, triangles), FIELD(12, inserted, inserted), FIELD(13, removed, removed), FIELD(14, deferred, deferred),
+    FIELD(15, heights, heights),
+    FIELD(16, effective_threshold, effectiveThreshold, Range{0.0, 1e15}), FIELD(17, insertion_limit, insertionLimit));
 
 // Points are counted from (x, z). Those of a camera lie within twice the horizon of each other, far below kMaxCandidateReach.
-inline bool pointsAreValid(const pb::Candidates& p) {
-  if (p.points_size() != 3 * p.errors_size()) return false;
-  for (int k = 0; k < p.points_size(); k += 3) {
-    const std::int64_t x = p.points(k), z = p.points(k + 1), y = p.points(k + 2);
-    if (!within(kMaxCandidateReach, "").holds(x) || !within(kMaxCandidateReach, "").holds(z) ||
-        !lattice::positionIsValid(p.x() + x, p.z() + z) || !within(lattice::kMaxHeight, "").holds(y))
-      return false;
-  }
-  return true;
-}
-inline void readPoints(std::vector<Candidate>& out, const pb::Candidates& p) {
-  out.reserve(static_cast<std::size_t>(p.errors_size()));
-  for (int k = 0; k < p.errors_size(); ++k)
-    out.push_back({{p.x() + p.points(3 * k), p.z() + p.points(3 * k + 1), p.points(3 * k + 2)}, p.errors(k)});
-}
-inline void writePoints(const std::vector<Candidate>& in, pb::Candidates& p) {
-  if (in.empty()) return;
-  const lattice::Vertex from = in.front().at;
-  p.set_x(from.x);
-  p.set_z(from.z);
-  p.mutable_points()->Reserve(static_cast<int>(3 * in.size()));
-  p.mutable_errors()->Reserve(static_cast<int>(in.size()));
-  for (const Candidate& c : in) {
-    p.add_points(static_cast<std::int32_t>(c.at.x - from.x));
-    p.add_points(static_cast<std::int32_t>(c.at.z - from.z));
-    p.add_points(c.at.y);
-    p.add_errors(c.pixels);
-  }
-}
+struct SentCandidates {
+  lattice::Step x = 0, z = 0;
+  std::vector<std::int32_t> points{};
+  std::vector<float> errors{};
 
-TABLE(Candidates,
-    JUDGED(x, kPlace),
-    JUDGED(z, kPlace),
-    JUDGED(errors, Entries{kMaxCandidates, Range{0.0, kMaxErrorPixels, "pixels"}}),
+  SentCandidates() = default;
+  explicit SentCandidates(const std::vector<Candidate>& in) {
+    if (in.empty()) return;
+    x = in.front().at.x, z = in.front().at.z;
+    points.reserve(3 * in.size());
+    errors.reserve(in.size());
+    for (const Candidate& c : in) {
+      points.insert(points.end(), {static_cast<std::int32_t>(c.at.x - x), static_cast<std::int32_t>(c.at.z - z), c.at.y});
+      errors.push_back(c.pixels);
+    }
+  }
+  std::vector<Candidate> value() const {
+    std::vector<Candidate> out;
+    out.reserve(errors.size());
+    for (std::size_t k = 0; k < errors.size(); ++k)
+      out.push_back({{x + points[3 * k], z + points[3 * k + 1], points[3 * k + 2]}, errors[k]});
+    return out;
+  }
+  bool isValid() const {
+    if (points.size() != 3 * errors.size()) return false;
+    const auto reach = within(kMaxCandidateReach, "");
+    for (std::size_t k = 0; k < points.size(); k += 3)
+      if (!reach.holds(points[k]) || !reach.holds(points[k + 1]) || !lattice::positionIsValid(x + points[k], z + points[k + 1]) ||
+          !within(lattice::kMaxHeight, "").holds(points[k + 2]))
+        return false;
+    return true;
+  }
+};
+
+TABLE(Candidates, SentCandidates,
+    FIELD(1, x, x, kPlace),
+    FIELD(2, z, z, kPlace),
+    FIELD(3, points, points, Entries{3 * kMaxCandidates}),
+    FIELD(4, errors, errors, Entries{kMaxCandidates, Range{0.0, kMaxErrorPixels, "pixels"}}),
     also("points", "x, z, y for each error: x and z within +-2^27 steps of the message's and on the lattice, y within +-2^25 steps",
-         pointsAreValid),
-    Then(readPoints, writePoints));
+         [](const SentCandidates& m) { return m.isValid(); }));
 
-TABLE(Iteration,
-    FIELD(number, number, atLeast(std::uint64_t{1})),
-    FIELD(pose_sequence, poseSequence),
-    FIELD(gone, gone, Entries{kMaxIterationLeaves, kLeaf}),
-    FIELD(whole, whole, Entries{kMaxIterationLeaves}),
-    FIELD(come, come, Entries{kMaxIterationLeaves, kLeaf}),
-    FIELD(points, points, Bytes{kMaxPayloadBytes}),
-    FIELD(errors, errors, Entries{kMaxIterationLeaves, kLeafError}),
-    FIELD(shades, shades, Bytes{kMaxShadeBytes}),
-    FIELD(mesh_hash, meshHash), FIELD(settled, settled), FIELD(figures, figures), FIELD(edit, edit),
-    FIELD(candidates, candidates, Encoded{&kMaxCandidatesBytes}));
+TABLE(Iteration, Iteration,
+    FIELD(1, number, number, atLeast(std::uint64_t{1})),
+    FIELD(2, pose_sequence, poseSequence),
+    FIELD(3, gone, gone, Entries{kMaxIterationLeaves, kLeaf}),
+    FIELD(4, whole, whole, Entries{kMaxIterationLeaves}),
+    FIELD(10, come, come, Entries{kMaxIterationLeaves, kLeaf}),
+    FIELD(11, points, points, Bytes{kMaxPayloadBytes}),
+    FIELD(12, errors, errors, Entries{kMaxIterationLeaves, kLeafError}),
+    FIELD(13, shades, shades, Bytes{kMaxShadeBytes}),
+    FIELD(fixed64(5), mesh_hash, meshHash), FIELD(6, settled, settled), FIELD(7, figures, figures), FIELD(14, edit, edit),
+    sentAs<SentCandidates>(FIELD(9, candidates, candidates, Encoded{kMaxCandidatesBytes})));
 
-TABLE(Error,
-    FIELD(code, code, OneOfOrFirst{ENUM(Error_Code)}),
-    FIELD(message, message, Bytes{kMaxErrorBytes}),
-    FIELD(reconnect_url, reconnectUrl, Bytes{kMaxErrorBytes}),
-    Then([](auto&, auto&) {}, [](const auto&, pb::Error& p) {
-      for (std::string* text : {p.mutable_message(), p.mutable_reconnect_url()}) text->resize(std::min(text->size(), kMaxErrorBytes));
-    }));
+TABLE(Error, ErrorMessage,
+    FIELD(1, code, code, OneOfOrFirst{kErrorCodeNames}),
+    Cut{FIELD(2, message, message, Bytes{kMaxErrorBytes})},
+    Cut{FIELD(3, reconnect_url, reconnectUrl, Bytes{kMaxErrorBytes})});
 
-TABLE(Member,
-    FIELD(camera, camera),
-    FIELD(role, role, OneOfOrFirst{ENUM(Role)}),
-    FIELD(name, name, kName),
-    FIELD(moved, moved),
-    Then([](Member& m, auto&) { if (m.moved) m.moved->camera = m.camera; },
-         [](const Member& m, pb::Member& p) { if (m.moved) p.mutable_moved()->clear_camera(); }));
+FURTHER_TABLE(MovedOfMemberTable, Moved,
+    FIELD(2, pose, pose, Present{}),
+    FIELD(3, time, time, kMicroseconds));
+TABLE(Member, Member,
+    FIELD(1, camera, camera),
+    FIELD(2, role, role, OneOfOrFirst{kRoleNames}),
+    FIELD(3, name, name, kName),
+    FIELD_OF(MovedOfMemberTable, 4, moved, moved),
+    Then([](Member& m) { if (m.moved) m.moved->camera = m.camera; }));
 
-TABLE(Members,
-    FIELD(joined, joined, Entries{kMaxMembers}),
-    FIELD(moved, moved, Entries{kMaxMembers}),
-    FIELD(left, left, Entries{kMaxMembers}));
+TABLE(Members, Members,
+    FIELD(1, joined, joined, Entries{kMaxMembers}),
+    FIELD(2, moved, moved, Entries{kMaxMembers}),
+    FIELD(3, left, left, Entries{kMaxMembers}));
 
-TABLE(Clock,
-    FIELD(mode, mode, OneOf{ENUM(ClockMode)}),
-    FIELD(rate, rate, kRate),
-    FIELD(time, time, kMicroseconds),
-    FIELD(owner, owner), FIELD(step, step),
-    FIELD(waits_for, waitsFor, Entries{kMaxMembers}),
-    FIELD(echo, echo),
-    FIELD(notice, notice, Bytes{kMaxErrorBytes}),
-    FIELD(end, end, kMicroseconds));
+TABLE(Clock, Clock,
+    FIELD(1, mode, mode, OneOf{kClockModeNames}),
+    FIELD(2, rate, rate, kRate),
+    FIELD(3, time, time, kMicroseconds),
+    FIELD(4, owner, owner), FIELD(5, step, step),
+    FIELD(6, waits_for, waitsFor, Entries{kMaxMembers}),
+    FIELD(7, echo, echo),
+    FIELD(8, notice, notice, Bytes{kMaxErrorBytes}),
+    FIELD(9, end, end, kMicroseconds));
 
-TABLE(Answer,
-    FIELD(id, id),
-    FIELD(heights, heights, Entries{kMaxPlaces}),
-    FIELD(normals, normals, Entries{3 * kMaxPlaces}),
-    FIELD(distances, distances, Entries{kMaxRays}),
-    FIELD(refusal, refusal, Bytes{kMaxErrorBytes}), FIELD(edit, edit));
+TABLE(Answer, Answer,
+    FIELD(1, id, id),
+    FIELD(2, heights, heights, Entries{kMaxPlaces}),
+    FIELD(3, normals, normals, Entries{3 * kMaxPlaces}),
+    FIELD(4, distances, distances, Entries{kMaxRays}),
+    FIELD(5, refusal, refusal, Bytes{kMaxErrorBytes}), FIELD(6, edit, edit));
 
-TABLE(Ground,
-    FIELD(id, id),
-    FIELD(error, error, kLeafError),
-    FIELD(leaves, leaves, Entries{kMaxIterationLeaves}),
-    FIELD(refusal, refusal, Bytes{kMaxErrorBytes}), FIELD(edit, edit));
+TABLE(Ground, Ground,
+    FIELD(1, id, id),
+    FIELD(2, error, error, kLeafError),
+    FIELD(3, leaves, leaves, Entries{kMaxIterationLeaves}),
+    FIELD(4, refusal, refusal, Bytes{kMaxErrorBytes}), FIELD(5, edit, edit));
 
-TABLE(EditAnswer,
-    FIELD(id, id),
-    FIELD(number, number),
-    FIELD(refusal, refusal, Bytes{kMaxErrorBytes}));
+TABLE(EditAnswer, EditAnswer,
+    FIELD(1, id, id),
+    FIELD(2, number, number),
+    FIELD(3, refusal, refusal, Bytes{kMaxErrorBytes}));
 
-TABLE(MadeEdit,
-    FIELD(number, number, atLeast(std::uint64_t{1})),
-    FIELD(author, author, kName),
-    FIELD(name, name, kName),
-    FIELD(operation, operation, Bytes{kMaxSmallMessageBytes}),
-    FIELD(x0, ground.x0, kEdge), FIELD(z0, ground.z0, kEdge), FIELD(x1, ground.x1, kEdge), FIELD(z1, ground.z1, kEdge));
-TABLE(Edited,
-    FIELD(edits, edits, Entries{kMaxMadeEdits}),
-    also("edits", "numbered without gaps", [](const pb::Edited& p) {
-      for (int k = 1; k < p.edits_size(); ++k)
-        if (p.edits(k).number() != p.edits(k - 1).number() + 1) return false;
+TABLE(MadeEdit, MadeEdit,
+    FIELD(1, number, number, atLeast(std::uint64_t{1})),
+    FIELD(2, author, author, kName),
+    FIELD(8, name, name, kName),
+    FIELD(3, operation, operation, Bytes{kMaxSmallMessageBytes}),
+    FIELD(4, x0, ground.x0, kEdge), FIELD(5, z0, ground.z0, kEdge), FIELD(6, x1, ground.x1, kEdge), FIELD(7, z1, ground.z1, kEdge));
+TABLE(Edited, Edited,
+    FIELD(1, edits, edits, Entries{kMaxMadeEdits}),
+    also("edits", "numbered without gaps", [](const Edited& m) {
+      for (std::size_t k = 1; k < m.edits.size(); ++k)
+        if (m.edits[k].number != m.edits[k - 1].number + 1) return false;
       return true;
     }));
 
-TABLE(Area, FIELD(x0, x0, kEdge), FIELD(z0, z0, kEdge), FIELD(x1, x1, kEdge), FIELD(z1, z1, kEdge));
-TABLE(FoundEdits,
-    FIELD(edit, edit),
-    FIELD(changed, changed, Entries{kMaxFoundAreas}),
-    FIELD(squares, squares, Entries{kMaxFoundSquares}));
+TABLE(Area, lattice::Area, FIELD(1, x0, x0, kEdge), FIELD(2, z0, z0, kEdge), FIELD(3, x1, x1, kEdge), FIELD(4, z1, z1, kEdge));
+TABLE(FoundEdits, FoundEdits,
+    FIELD(1, edit, edit),
+    FIELD(2, changed, changed, Entries{kMaxFoundAreas}),
+    FIELD(3, squares, squares, Entries{kMaxFoundSquares}));
 
-TABLE(Square,
-    FIELD(address, address),
-    FIELD(rises, rises, Bytes{terrain::kMaxTileBytes}),
-    FIELD(materials, materials, Bytes{terrain::kMaxTileBytes}));
-TABLE(Squares, FIELD(edit, edit), FIELD(squares, squares, Entries{kMaxSquares}));
+TABLE(Square, Square,
+    FIELD(1, address, address),
+    FIELD(2, rises, rises, Bytes{terrain::kMaxTileBytes}),
+    FIELD(3, materials, materials, Bytes{terrain::kMaxTileBytes}));
+TABLE(Squares, Squares, FIELD(1, edit, edit), FIELD(2, squares, squares, Entries{kMaxSquares}));
 
-TABLE(HeightTile,
-    FIELD(address, address),
-    FIELD(samples, samples, Bytes{terrain::kMaxTileBytes}),
-    FIELD(colours, colours, Bytes{terrain::kTileColourBytes}));
-TABLE(HeightTiles, FIELD(tiles, tiles, Entries{kMaxTiles}));
+TABLE(HeightTile, HeightTile,
+    FIELD(1, address, address),
+    FIELD(2, samples, samples, Bytes{terrain::kMaxTileBytes}),
+    FIELD(3, colours, colours, Bytes{terrain::kTileColourBytes}));
+TABLE(HeightTiles, HeightTiles, FIELD(1, tiles, tiles, Entries{kMaxTiles}));
 
-TABLE(ServerMessage,
-    KIND(world, World), KIND(iteration, Iteration), KIND(error, ErrorMessage),
-    KIND(members, Members, Encoded{&kMaxSmallMessageBytes}),
-    KIND(clock, Clock, Encoded{&kMaxSmallMessageBytes}),
-    KIND(answer, Answer, Encoded{&kMaxSmallMessageBytes}),
-    KIND(ground, Ground),
-    KIND(edit_answer, EditAnswer),
-    KIND(edited, Edited, Encoded{&kMaxSmallMessageBytes}),
-    KIND(found_edits, FoundEdits), KIND(squares, Squares),
-    KIND(height_tiles, HeightTiles), SETTINGS(granted, Granted));
+TABLE(ServerMessage, ServerMessage,
+    KIND(1, world, World), KIND(2, iteration, Iteration), KIND(3, error, ErrorMessage),
+    KIND(4, members, Members, Encoded{kMaxSmallMessageBytes}),
+    KIND(5, clock, Clock, Encoded{kMaxSmallMessageBytes}),
+    KIND(6, answer, Answer, Encoded{kMaxSmallMessageBytes}),
+    KIND(7, ground, Ground),
+    KIND(8, edit_answer, EditAnswer),
+    KIND(9, edited, Edited, Encoded{kMaxSmallMessageBytes}),
+    KIND(10, found_edits, FoundEdits), KIND(11, squares, Squares),
+    KIND(20, height_tiles, HeightTiles), SETTINGS(21, granted, Granted));
 
 }  // namespace ridgecast::wire

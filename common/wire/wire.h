@@ -1,7 +1,7 @@
 #pragma once
-// The stream's messages <-> bytes: one message a WebSocket frame, protobuf as in proto/ridgecast/v1/stream.proto. The only room that sees
-// generated code. Decoding checks every field; an error names the message and field and says what would be right, and nothing of the
-// input is used then. Counts of repeated fields are checked before anything is allocated for them. Pure functions; any thread.
+// The stream's messages <-> bytes: one message a WebSocket frame, protobuf as in proto/ridgecast/v1/stream.proto. Decoding
+// checks every field; an error names the message and field and says what would be right, and nothing of the input is used then. Counts of
+// repeated fields are checked before anything is allocated for them. Pure functions; any thread.
 
 #include <cstddef>
 #include <cstdint>

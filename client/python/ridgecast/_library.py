@@ -22,7 +22,7 @@ def _open() -> Any:
     try:
         return ffi.dlopen(name)
     except OSError as e:
-        raise ImportError(f"{e}; on Debian 12: apt install libdraco7 libprotobuf32 libssl3 libtiff6 libpng16-16") from None
+        raise ImportError(f"{e}; on Debian 12: apt install libdraco7 libssl3 libtiff6 libpng16-16") from None
 
 
 lib: Any = _open()

@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 
 #include <fstream>
+#include <map>
 #include <regex>
 #include <sstream>
 
@@ -13,42 +14,45 @@ namespace {
 // The tables of PROTOCOL.md: "Message.field", and "Message" for its size -> its range in words; empty: anything.
 using Ranges = std::map<std::string, std::string>;
 
-template <class V, class P>
+template <class T, class V>
 void describe(Ranges& out);
 
-template <class P>
+template <class T>
 void note(const auto& row, Ranges& out) {
-  std::string& range = out[std::string(kTable<P>.message) + "." + row.name];
+  std::string& range = out[std::string(kTable<T>.message) + "." + row.name];
   const std::string words = row.rule.words();
   if (range.find(words) == std::string::npos) range += (range.empty() ? "" : "; ") + words;
 }
-template <class V, class P>
+template <class T, class V>
 void describeRow(const NoField&, Ranges&) {}
-template <class V, class P, class... Part>
-void describeRow(const Judged<Part...>& row, Ranges& out) {
-  note<P>(row, out);
+template <class T, class V, class Rule>
+void describeRow(const Judged<Rule>& row, Ranges& out) {
+  note<T>(row, out);
 }
-template <class V, class P, class... Part>
+template <class T, class V, class Sent, class Base>
+void describeRow(const SentAs<Sent, Base>& row, Ranges& out) {
+  note<T>(row, out);
+  describe<typename TableOf<Sent>::type, Sent>(out);
+}
+template <class T, class V, class... Part>
 void describeRow(const Row<Part...>& row, Ranges& out) {
   using M = typename Row<Part...>::template MemberOf<V>;
-  note<P>(row, out);
-  if constexpr (Messages<M>) {
-    describe<typename M::value_type, typename Row<Part...>::template InnerOf<P>::value_type>(out);
-  } else if constexpr (Maybe<M>::value) {
-    describe<typename M::value_type, typename Row<Part...>::template InnerOf<P>>(out);
+  note<T>(row, out);
+  if constexpr (Messages<M> || Maybe<M>::value) {
+    describe<typename Row<Part...>::template InnerOf<M>::type, typename M::value_type>(out);
   } else if constexpr (Message<M>) {
-    describe<M, typename Row<Part...>::template InnerOf<P>>(out);
+    describe<typename Row<Part...>::template InnerOf<M>::type, M>(out);
   }
 }
-template <class V, class P>
+template <class T, class V>
 void describe(Ranges& out) {
-  everyRow<P>([&](const auto& row) { return describeRow<V, P>(row, out), true; });
+  everyRow<T>([&](const auto& row, std::size_t) { return describeRow<T, V>(row, out), true; });
 }
 
 Ranges ranges() {
   Ranges out{{"ClientMessage", Bytes{kMaxClientMessageBytes}.words()}, {"ServerMessage", Bytes{kMaxServerMessageBytes}.words()}};
-  describe<ClientMessage, pb::ClientMessage>(out);
-  describe<ServerMessage, pb::ServerMessage>(out);
+  describe<ClientMessageTable, ClientMessage>(out);
+  describe<ServerMessageTable, ServerMessage>(out);
   return out;
 }
 
