@@ -254,7 +254,7 @@ rc_status rc_world_leaf(rc_world* world, int32_t level, int64_t i, int64_t j, co
 rc_status rc_world_members(rc_world* world, rc_member* out, size_t room, size_t* count) {
   return alone(world, [&](world::World& w) {
     std::vector<rc_member> all;
-    for (const connection::Other& other : w.others()) {
+    for (const core::Other& other : w.others()) {
       rc_member member{.member = other.member.camera, .sensor = other.member.role == wire::Role::kSensor};
       const std::string& name = other.member.name;
       std::copy_n(name.begin(), std::min(name.size(), sizeof member.name - 1), member.name);

@@ -1,5 +1,6 @@
 #pragma once
-// A connection to a server's stream. Runs its socket on one thread of its own; the owner's thread sends and receives.
+// A connection to a server's stream: a conversation (core::Conversation) over a WebSocket, which runs on one thread of its own; the owner's
+// thread sends and receives.
 
 #include <chrono>
 #include <cstddef>
@@ -13,8 +14,7 @@
 #include <string_view>
 #include <vector>
 
-#include "client/connection/roster.h"
-#include "client/connection/session_clock.h"
+#include "client/core/conversation/conversation.h"
 #include "common/outcome/outcome.h"
 #include "common/wire/messages.h"
 
@@ -35,11 +35,6 @@ struct Url {
 // ?session=NAME&terrain=NAME&seed=N&param=NAME=NUMBER&clock=stepped (other parameters are ignored).
 // Without a port: 7070, 80 behind http:// or ws://, 443 behind https:// or wss://, which speak TLS. Empty text: the defaults.
 Outcome<Url> parseUrl(std::string_view text);
-
-struct Received {
-  wire::Iteration iteration;
-  std::uint64_t bytes = 0;  // of the frame
-};
 
 // How to wait for the answer to the upgrade if the URL names a terrain: the server may have to compile it first, which takes seconds, and a
 // minute on a slow machine.
@@ -65,9 +60,8 @@ class Connection {
   const wire::World& world() const;
 
   // Never block, and do nothing once the connection has ended. A waiting pose is replaced by a newer one (free pacing) or queued
-  // (lock-step, at most kMaxPoses: one more ends the connection with an error). A waiting acknowledgement is replaced by a newer one.
+  // (lock-step, at most core::kMaxPoses: one more ends the connection with an error). A waiting acknowledgement is replaced by a newer one.
   // Leaves to be sent again are collected, at most what one message holds; more request all.
-  static constexpr std::size_t kMaxPoses = 64;
   void send(const wire::PoseMessage& pose);
   void acknowledge(const wire::Acknowledge& acknowledge);
   // Before the first pose: leaves that are still held (parts of at most wire::kMaxResumeLeaves).
@@ -83,27 +77,22 @@ class Connection {
   // most wire::kMaxFinds. They leave only to a server that knows them (World::revision 5).
   void want(const wire::WantSquares& wanted);
   void find(const wire::FindEdits& find);
-  struct EditsFound {
-    std::vector<wire::FoundEdits> found;
-    std::vector<wire::Squares> squares;
-  };
-  EditsFound takeEditsFound();
+  core::EditsFound takeEditsFound();
 
   // The next iteration, in order; nothing when none arrived within `timeout` (0: do not wait) or when the connection has ended and
   // all that came before is taken: then error() says why. The queue holds at most the world's window of iterations and 256 MiB; a
   // server that sends more is disconnected.
-  std::optional<Received> receive(std::chrono::milliseconds timeout);
+  std::optional<core::Received> receive(std::chrono::milliseconds timeout);
   // With hello.members: the other members, as last heard. `version` grows with everything that is heard; while it is `seen`, nothing is
   // copied and nothing returned.
-  std::optional<Roster> others(std::uint64_t seen = 0) const;
+  std::optional<core::Roster> others(std::uint64_t seen = 0) const;
 
   // With hello.clock: the session's clock, requested repeatedly so that it stays good to a fraction of a round trip.
-  SessionClock clock() const;
-  // Waits until something newer than `seen` (SessionClock::version) was heard; false when nothing was within `timeout` or the connection
+  core::SessionClock clock() const;
+  // Waits until something newer than `seen` (core::SessionClock::version) was heard; false when nothing was within `timeout` or the connection
   // has ended.
   bool waitForClock(std::uint64_t seen, std::chrono::milliseconds timeout) const;
-  // Never block. At most kMaxWaiting of these wait to leave: one more ends the connection with an error.
-  static constexpr std::size_t kMaxWaiting = 256;
+  // Never block. At most core::kMaxWaiting of these wait to leave: one more ends the connection with an error.
   void setClock(const wire::SetClock& set);
   void step(const wire::ClockStep& step);
   void stepDone(const wire::StepDone& done);
@@ -113,7 +102,7 @@ class Connection {
   void passOver(std::uint64_t camera);
 
   // Requests to the server; sets `id`. The future holds the answer, or an error if the connection ends, the server knows no queries
-  // (World::revision 0), or more than kMaxWaiting wait. At most wire::kMaxQueries and wire::kMaxGrounds are pending at a time; the others
+  // (World::revision 0), or more than core::kMaxWaiting wait. At most wire::kMaxQueries and wire::kMaxGrounds are pending at a time; the others
   // wait here. Futures may outlive the connection.
   std::future<Outcome<wire::Answer>> ask(wire::Query query);
   std::future<Outcome<wire::Ground>> askGround(const wire::AskGround& ask);
@@ -121,7 +110,6 @@ class Connection {
   // Changes the ground; sets `id`. The future holds its number once it is made, kept and in everybody's ground, or why not; at most
   // wire::kMaxEdits are pending at a time. With hello.edits: the edits that were made since the last call, in order.
   std::future<Outcome<wire::EditAnswer>> edit(wire::Edit edit);
-  static constexpr std::size_t kMaxEdits = 1u << 20;  // not taken yet: one more ends the connection with an error
   std::vector<wire::MadeEdit> takeEdits();
   bool followsEdits() const;  // hello.edits, or the server's version has none
 

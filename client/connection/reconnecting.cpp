@@ -119,7 +119,7 @@ void ReconnectingConnection::adopt(std::unique_ptr<Connection> connection) {
   if (pose_) connection_->send(*pose_);
 }
 
-std::optional<Received> ReconnectingConnection::receive(std::chrono::milliseconds timeout) {
+std::optional<core::Received> ReconnectingConnection::receive(std::chrono::milliseconds timeout) {
   const auto until = Clock::now() + timeout;
   const auto left = [&] { return std::max(std::chrono::duration_cast<std::chrono::milliseconds>(until - Clock::now()), 0ms); };
   for (;;) {

@@ -49,7 +49,7 @@ class ReconnectingConnection {
   bool followsEdits() const { return connection_->followsEdits(); }
   std::vector<wire::MadeEdit> takeEdits();  // another connection begins with the first
   // As Connection's; also looks after the connection, so call it often.
-  std::optional<Received> receive(std::chrono::milliseconds timeout);
+  std::optional<core::Received> receive(std::chrono::milliseconds timeout);
 
   std::optional<Error> error() const { return lost_; }  // why there is no connection at the moment
   // The server came back with another world: what is held is of no use there, and no further attempt is made.

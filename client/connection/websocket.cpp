@@ -16,6 +16,7 @@
 #include <boost/beast/websocket.hpp>
 
 #include "client/connection/dial.h"
+#include "common/text/text.h"
 #include "common/transport/channel.h"
 #include "common/wire/wire.h"
 
@@ -33,14 +34,6 @@ constexpr std::chrono::seconds kSilence{30};  // without a word, ping or pong fr
 constexpr std::size_t kRoomyFrame = std::size_t{4} << 20;
 
 }  // namespace
-
-std::string oneLine(std::string_view text) {
-  std::string out(text.substr(0, std::min<std::size_t>(text.size(), 300)));
-  for (char& c : out)
-    if (static_cast<unsigned char>(c) < 0x20 || c == 0x7f) c = ' ';
-  while (!out.empty() && out.back() == ' ') out.pop_back();
-  return out;
-}
 
 // Handlers hold a plain `this`: the destructor joins the thread first, and none of them runs after it.
 struct WebSocket::Impl {
@@ -110,7 +103,7 @@ struct WebSocket::Impl {
   std::string notUpgraded(const error_code& e) const {
     if (e == websocket::error::upgrade_declined) {
       std::string text = where_ + " answered HTTP " + std::to_string(response_.result_int()) + " instead of opening a stream";
-      const std::string body = oneLine(response_.body());
+      const std::string body = text::oneLine(response_.body());
       if (!body.empty() && body.front() != '<') return text + ": " + body;
       return text + "; is there a ridgecast-server, and a session '" + url_.session + "'?";
     }
@@ -146,7 +139,7 @@ struct WebSocket::Impl {
 
   std::string readFailed(const error_code& e) const {
     if (e == websocket::error::closed) {
-      const std::string reason = oneLine({socket_.reason().reason.data(), socket_.reason().reason.size()});
+      const std::string reason = text::oneLine({socket_.reason().reason.data(), socket_.reason().reason.size()});
       return "the server at " + where_ + " closed the connection" +
              (reason.empty() ? " (code " + std::to_string(socket_.reason().code) + ")" : ": " + reason);
     }

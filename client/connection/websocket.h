@@ -13,14 +13,10 @@
 #include <memory>
 #include <span>
 #include <string>
-#include <string_view>
 
 #include "client/connection/connection.h"
 
 namespace ridgecast::connection {
-
-// One line of a text from the network, fit for a terminal.
-std::string oneLine(std::string_view text);
 
 class WebSocket {
  public:

@@ -75,7 +75,7 @@ class Client {
 
  private:
   struct Decoding {
-    connection::Received received;
+    core::Received received;
     double milliseconds = 0;
     std::future<Outcome<scene::Scene::Prepared>> prepared{};
   };

@@ -121,7 +121,7 @@ void Stream::followClock() {
   connection::Connection& connection = *client().connection();
   const bool isNew = connection.waitForClock(clockSeen_, 0ms);
   if (!isNew && (!state_.clock.on || !state_.clock.runs)) return;
-  const connection::SessionClock clock = connection.clock();
+  const core::SessionClock clock = connection.clock();
   showClock(clock);
   if (!isNew) return;
   clockSeen_ = clock.version();
@@ -133,7 +133,7 @@ void Stream::followClock() {
   state_.tell(notice_, kNoticeTime);
 }
 
-void Stream::showClock(const connection::SessionClock& clock) {
+void Stream::showClock(const core::SessionClock& clock) {
   const wire::Clock& said = clock.said();
   ClockBar& bar = state_.clock;
   const std::string before = clockText(bar.time) + bar.driver;
@@ -148,7 +148,7 @@ void Stream::showClock(const connection::SessionClock& clock) {
   }
   bar.driver.clear();
   if (said.owner != 0 && said.owner != client().world().camera) {
-    const auto owner = others_ ? others_->others().find(said.owner) : std::map<std::uint64_t, connection::Other>::const_iterator{};
+    const auto owner = others_ ? others_->others().find(said.owner) : std::map<std::uint64_t, core::Other>::const_iterator{};
     bar.driver = others_ && owner != others_->others().end() ? nameOf(owner->second.member) : "Member " + std::to_string(said.owner);
   }
   if (clock.version() != clockSeen_ || (bar.on && before != clockText(bar.time) + bar.driver)) state_.changed = true;

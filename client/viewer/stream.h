@@ -63,7 +63,7 @@ class Stream {
   const LeafAges& ages() const { return ages_; }
   const Candidates& candidates() const { return candidates_; }  // the last received; null: not requested
   // Null: not heard of any.
-  const connection::Roster* others() const { return others_ ? &*others_ : nullptr; }
+  const core::Roster* others() const { return others_ ? &*others_ : nullptr; }
 
   // Once a frame. Sends the camera if it has changed.
   void exchange(const camera::Camera& camera);
@@ -88,7 +88,7 @@ class Stream {
   void accept(const replica::Update& update);
   void sendPose(const camera::Camera& camera);
   void followClock();
-  void showClock(const connection::SessionClock& clock);
+  void showClock(const core::SessionClock& clock);
   void showSettings();
   void showWorlds();
 
@@ -100,7 +100,7 @@ class Stream {
   std::chrono::steady_clock::time_point lostAt_{};
   std::string loss_;  // what the window says of it
   wire::Settings shownSettings_;
-  std::optional<connection::Roster> others_;
+  std::optional<core::Roster> others_;
   std::uint64_t othersSeen_ = 0, clockSeen_ = 0, step_ = 0;  // versions; the clock's newest step
   std::string notice_;                                       // the last of the clock's
   LeafAges ages_;

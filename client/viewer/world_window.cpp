@@ -277,8 +277,8 @@ void WorldWindow::jump() {
 }
 
 void WorldWindow::flyTo(std::uint64_t member) {
-  const connection::Roster* others = stream_.others();
-  const auto found = others ? others->others().find(member) : std::map<std::uint64_t, connection::Other>::const_iterator{};
+  const core::Roster* others = stream_.others();
+  const auto found = others ? others->others().find(member) : std::map<std::uint64_t, core::Other>::const_iterator{};
   if (!others || found == others->others().end() || !found->second.member.moved) return;
   controls_.place(beside(controls_.pose(), found->second.member.moved->pose.camera.pose));
   state_.motion.following = false;
@@ -436,7 +436,7 @@ void WorldWindow::outline(const camera::Camera& camera) {
   Outlines& out = state_.outlines;
   out = {};
   if (state_.lines.frozen) out.frozen = lines(*state_.lines.frozen, kFrozenReach);
-  const connection::Roster* others = stream_.others();
+  const core::Roster* others = stream_.others();
   if (!others) return;
   for (const auto& [id, other] : others->others()) {
     Outlines::Member member;

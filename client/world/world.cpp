@@ -111,7 +111,7 @@ Result<Mesh> World::ground(lattice::Point at, double radius, double error, Milli
   }
 }
 
-connection::SessionClock World::clock() {
+core::SessionClock World::clock() {
   client_->receive(0ms);
   return client_->connection()->clock();
 }
@@ -135,7 +135,7 @@ Result<void> World::takeClock(const wire::SetClock& set, Instant until, const Do
   const std::uint64_t before = client_->connection()->clock().version();
   client_->connection()->setClock(set);
   bool refused = false;
-  auto taken = clockUntil(until, [&](const connection::SessionClock& clock) {
+  auto taken = clockUntil(until, [&](const core::SessionClock& clock) {
     const wire::Clock& said = clock.said();
     refused = clock.version() > before && said.owner != 0 && said.owner != camera();
     return refused || (said.owner == camera() && done(said, clock.version() > before));
@@ -160,7 +160,7 @@ Result<void> World::jump(Microseconds time, Milliseconds timeout) {
   std::optional<Instant> sent;
   for (const auto until = Clock::now() + timeout;;) {
     if (auto there = connected(until); !there) return there;
-    if (auto heard = clockUntil(until, [](const connection::SessionClock& clock) { return clock.version() > 0; }); !heard) return heard;
+    if (auto heard = clockUntil(until, [](const core::SessionClock& clock) { return clock.version() > 0; }); !heard) return heard;
     const auto clock = client_->connection()->clock();
     const auto now = Clock::now();
     const wire::Clock& said = clock.said();
@@ -209,7 +209,7 @@ Result<void> World::step(Microseconds time, Milliseconds timeout) {
     awaitedOf_ = reconnections();
     client_->connection()->step({static_cast<std::uint64_t>(std::exchange(unsent_, 0us).count()), true});
   }
-  auto stepped = clockUntil(until, [&](const connection::SessionClock& clock) {
+  auto stepped = clockUntil(until, [&](const core::SessionClock& clock) {
     return clock.said().step > awaited_ || (clock.said().step == awaited_ && clock.said().waitsFor.empty());
   });
   if (stepped || stepped.error().fault == Fault::kLost) awaited_ = 0;
@@ -257,7 +257,7 @@ Result<std::uint64_t> World::nextStep(Milliseconds timeout) {
   if (!follows_) return Failure{Fault::kInvalid, "this member does not follow the clock: join so that it does"};
   for (const auto until = Clock::now() + timeout;;) {
     if (auto there = connected(until); !there) return there.error();
-    if (auto heard = clockUntil(until, [](const connection::SessionClock& clock) { return clock.version() > 0; }); !heard)
+    if (auto heard = clockUntil(until, [](const core::SessionClock& clock) { return clock.version() > 0; }); !heard)
       return heard.error();
     const auto clock = client_->connection()->clock();
     if (stepOf_ != reconnections()) {
@@ -266,7 +266,7 @@ Result<std::uint64_t> World::nextStep(Milliseconds timeout) {
     } else if (clock.waitsFor(camera()) && clock.said().step == step_) {
       client_->connection()->stepDone({step_});
     }
-    auto next = clockUntil(until, [&](const connection::SessionClock& c) { return c.said().step > step_; });
+    auto next = clockUntil(until, [&](const core::SessionClock& c) { return c.said().step > step_; });
     if (!next && next.error().fault == Fault::kLost && Clock::now() < until) continue;  // the next step of a server that is back
     if (!next && next.error().fault == Fault::kTimeout) return Failure{Fault::kTimeout, "no step began in time"};
     if (!next) return next.error();
@@ -276,9 +276,9 @@ Result<std::uint64_t> World::nextStep(Milliseconds timeout) {
   }
 }
 
-std::vector<connection::Other> World::others() {
+std::vector<core::Other> World::others() {
   client_->receive(0ms);
-  std::vector<connection::Other> all;
+  std::vector<core::Other> all;
   if (const auto roster = client_->connection()->others())
     for (const auto& [camera, other] : roster->others()) all.push_back(other);
   return all;

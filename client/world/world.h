@@ -27,8 +27,8 @@
 #include <boost/system/result.hpp>
 #include <stdexcept>
 
-#include "client/connection/roster.h"
-#include "client/connection/session_clock.h"
+#include "client/core/conversation/roster.h"
+#include "client/core/conversation/session_clock.h"
 #include "client/query/ground.h"
 #include "client/replica/client.h"
 #include "client/world/mesh.h"
@@ -89,7 +89,7 @@ class World {
   Result<Mesh> ground(lattice::Point at, double radius, double error, Milliseconds timeout);
 
   // The clock as last heard; exact while it is stepped.
-  connection::SessionClock clock();
+  core::SessionClock clock();
   // Takes the clock, where nobody has it, and sets it.
   Result<void> setClock(wire::ClockMode mode, double rate, Milliseconds timeout);
   // Takes the clock, where nobody has it, and moves it to this time: ahead by at most an hour, but not while a step is under way; in a
@@ -110,7 +110,7 @@ class World {
   // kRefused: the server's sentence.
   Result<std::uint64_t> edit(const std::string& operation, std::string key, Milliseconds timeout);
 
-  std::vector<connection::Other> others();
+  std::vector<core::Other> others();
 
   // Sends a pose and returns its iteration, or a later one: then the mesh held is the server's.
   Result<replica::Update> fly(const camera::Camera& camera, Milliseconds timeout, std::span<const std::uint8_t> state = {});

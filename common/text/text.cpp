@@ -59,6 +59,14 @@ std::optional<std::string> percentDecoded(std::string_view text) {
   return out;
 }
 
+std::string oneLine(std::string_view text) {
+  std::string out(text.substr(0, std::min<std::size_t>(text.size(), 300)));
+  for (char& c : out)
+    if (static_cast<unsigned char>(c) < 0x20 || c == 0x7f) c = ' ';
+  while (!out.empty() && out.back() == ' ') out.pop_back();
+  return out;
+}
+
 std::string withoutFolders(std::string_view sentence) {
   constexpr std::string_view kBefore = " \t\n'\"([=", kAfter = " \t\n'\"),;:]";
   std::string out;

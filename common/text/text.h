@@ -42,6 +42,9 @@ std::string hexadecimal(std::uint64_t value);  // 16 digits
 // Of a URL: %41 -> A. Nothing: a % without two hexadecimal digits after it.
 std::optional<std::string> percentDecoded(std::string_view text);
 
+// The first 300 bytes of a text from elsewhere, fit for one line of a terminal.
+std::string oneLine(std::string_view text);
+
 // A sentence with each absolute path cut down to its last name, for those who are not to learn where a machine has its files.
 std::string withoutFolders(std::string_view sentence);
 

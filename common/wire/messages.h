@@ -32,8 +32,8 @@ enum class ClockMode { kRealTime = 0, kScaled = 1, kStepped = 2 };
 
 struct Hello {
   std::uint32_t protocolVersion = kProtocolVersion;
-  std::string clientName;
-  Settings settings;
+  std::string clientName{};
+  Settings settings{};
   Pacing pacing = Pacing::kFree;
   bool points = false;  // the client follows Iteration::points
   Role role = Role::kViewer;
@@ -155,7 +155,7 @@ struct World {
   std::uint64_t contentHash = 0;
   std::uint32_t stepBits = lattice::kStepBits;
   double horizon = 0;  // metres
-  Settings settings;
+  Settings settings{};
   std::uint32_t window = 0;
   std::uint64_t camera = 0;
   std::uint32_t revision = kRevision;
@@ -234,7 +234,7 @@ struct Clock {
   std::uint64_t time = 0;   // microseconds, when it was sent
   std::uint64_t owner = 0;  // 0: none
   std::uint64_t step = 0;
-  std::vector<std::uint64_t> waitsFor;
+  std::vector<std::uint64_t> waitsFor{};
   std::uint64_t echo = 0;
   std::string notice{};   // one sentence for a person; mostly empty
   std::uint64_t end = 0;  // microseconds, of a recording; 0: it is none
@@ -242,11 +242,11 @@ struct Clock {
 
 struct Answer {
   std::uint64_t id = 0;
-  std::vector<float> heights;     // metres
-  std::vector<float> normals;     // x, y, z of each
-  std::vector<double> distances;  // metres; -1: none
-  std::string refusal{};          // why there is no answer; then nothing else is set
-  std::uint64_t edit = 0;         // the last that it knows
+  std::vector<float> heights{};     // metres
+  std::vector<float> normals{};     // x, y, z of each
+  std::vector<double> distances{};  // metres; -1: none
+  std::string refusal{};            // why there is no answer; then nothing else is set
+  std::uint64_t edit = 0;           // the last that it knows
 };
 
 struct Ground {

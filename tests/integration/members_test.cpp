@@ -93,7 +93,7 @@ TEST_F(MembersTest, EightMembersSeeEachOtherInTimeAndTheirClocksAgree) {
       Connection& me = *members[k];
       std::vector<double> mine;
       auto next = Time::now();
-      connection::Roster roster;
+      core::Roster roster;
       for (std::uint64_t s = 1; s <= poses && !ends; ++s) {
         sentAt[k][s] = Time::now().time_since_epoch().count();
         me.send(poseAt(s));

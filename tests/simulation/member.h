@@ -11,8 +11,8 @@
 #include <random>
 #include <string>
 
-#include "client/connection/roster.h"
-#include "client/connection/session_clock.h"
+#include "client/core/conversation/roster.h"
+#include "client/core/conversation/session_clock.h"
 #include "client/replica/follower.h"
 #include "tests/simulation/editor.h"
 #include "tests/simulation/line.h"
@@ -110,8 +110,8 @@ class Member {
   // Of the connection.
   std::shared_ptr<Line> line_;
   std::optional<wire::World> world_;
-  connection::Roster roster_;
-  connection::SessionClock clock_;
+  core::Roster roster_;
+  core::SessionClock clock_;
   std::uint64_t lastNumber_ = 0, lastPose_ = 0, undigested_ = 0, lastStepDone_ = 0, stepAsked_ = 0, edit_ = 0;
   bool settled_ = false;
   std::map<std::uint64_t, wire::Query> asked_;

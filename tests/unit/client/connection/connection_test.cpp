@@ -109,16 +109,6 @@ TEST(Connection, ServerThatRefuses) {
   expectContains(errorOf(at(server.port())), "this server speaks version 2, update");
 }
 
-TEST(Connection, ServerOfAnotherVersion) {
-  RawServer server([](RawConnection& peer) {
-    peer.upgrade();
-    peer.readFrame();
-    peer.sendFrame(worldBytes(3, 2));
-    peer.drain();
-  });
-  expectContains(errorOf(at(server.port())), "protocol version 2");
-}
-
 TEST(Connection, ServerThatClosesWithAReason) {
   RawServer server([](RawConnection& peer) {
     peer.upgrade();
@@ -217,33 +207,6 @@ TEST(Connection, IterationsArriveInOrderAndAreCounted) {
   EXPECT_EQ(g.connection->bytesReceived(), bytes);
 }
 
-TEST(Connection, ServerThatSendsMoreThanTheWindow) {
-  Greeted g([](RawConnection& peer) {
-    for (std::uint64_t n = 1; n <= 4; ++n) peer.sendFrame(iterationBytes(n));
-    peer.drain();
-  });
-  // Wait without taking anything, until the fourth has ended it; what came before is still there.
-  EXPECT_TRUE(testing_support::await([&] { return g.connection->error().has_value(); }));
-  for (std::uint64_t n = 1; n <= 3; ++n) EXPECT_EQ(g.connection->receive(0ms)->iteration.number, n);
-  expectEndsWith(*g.connection, "more than the 3 iterations");
-}
-
-TEST(Connection, ServerThatSendsMoreBytesThanWaitingIterationsMayHave) {
-  wire::Iteration large;
-  large.whole = {{.address = {}, .vertices = 3 << 20, .triangles = 1 << 20, .payload = std::vector<std::uint8_t>(24 << 20)}};
-  Greeted g(
-      [&](RawConnection& peer) {
-        for (large.number = 1; large.number <= 12; ++large.number) peer.sendFrame(wire::encode(wire::ServerMessage(large)));
-        peer.drain();
-      },
-      64);
-  EXPECT_TRUE(testing_support::await([&] { return g.connection->error().has_value(); })) << "12 of 24 MiB wait, and any number may";
-  int taken = 0;
-  while (g.connection->receive(0ms)) ++taken;
-  EXPECT_EQ(taken, 10);
-  expectEndsWith(*g.connection, "256 MiB of iterations");
-}
-
 // A host that another one names gets no token, unless it is the one that the token was given for.
 TEST(Connection, ATokenStaysWithItsHost) {
   for (const std::string host : {"localhost", "127.0.0.1"}) {
@@ -315,19 +278,6 @@ TEST(Connection, FreePacingSendsTheNewestPose) {
   EXPECT_EQ(last.get_future().get(), 100'000u);
 }
 
-TEST(Connection, LockstepSendsEveryPose) {
-  std::promise<void> done;
-  Greeted g(
-      [&](RawConnection& peer) {
-        for (std::uint64_t n = 1; n <= 60; ++n) EXPECT_EQ(read<wire::PoseMessage>(peer).sequence, n);
-        done.set_value();
-        peer.drain();
-      },
-      3, wire::Pacing::kLockstep);
-  for (std::uint64_t n = 1; n <= 60; ++n) g.connection->send({.sequence = n, .camera = {}});
-  EXPECT_EQ(done.get_future().wait_for(kTimeout), std::future_status::ready);
-}
-
 TEST(Connection, LockstepPosesThatNobodyReadsEndIt) {
   std::promise<void> over;
   std::shared_future<void> wait(over.get_future());
@@ -345,23 +295,6 @@ TEST(Connection, StepsThatCannotLeaveEndItInTrueWords) {
   expectEndsWith(*g.connection, "256 messages wait to leave; send fewer at a time");
   EXPECT_EQ(g.connection->error()->message.find("does not read"), std::string::npos) << "the server had no time to";
   over.set_value();
-}
-
-TEST(Connection, ResendIsCollected) {
-  std::promise<std::size_t> asked;
-  std::promise<bool> askedForAll;
-  Greeted g([&](RawConnection& peer) {
-    std::size_t leaves = 0;
-    while (leaves < 3) leaves += read<wire::ResendLeaves>(peer).leaves.size();
-    asked.set_value(leaves);
-    askedForAll.set_value(read<wire::ResendLeaves>(peer).leaves.empty());
-    peer.drain();
-  });
-  g.connection->resend({.leaves = {{0, 1, 2}}});
-  g.connection->resend({.leaves = {{0, 1, 3}, {0, 1, 4}}});
-  EXPECT_EQ(asked.get_future().get(), 3u);
-  g.connection->resend({.leaves = std::vector<lattice::LeafAddress>(wire::kMaxResendLeaves + 1)});
-  EXPECT_TRUE(askedForAll.get_future().get());
 }
 
 TEST(Connection, PartsQuicklyFromAServerThatDoesNotAnswer) {

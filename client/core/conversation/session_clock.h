@@ -12,7 +12,7 @@
 
 #include "common/wire/messages.h"
 
-namespace ridgecast::connection {
+namespace ridgecast::core {
 
 class SessionClock {
  public:
@@ -52,4 +52,4 @@ class SessionClock {
   double halfTrip_ = 0;  // microseconds, the shortest so far
 };
 
-}  // namespace ridgecast::connection
+}  // namespace ridgecast::core

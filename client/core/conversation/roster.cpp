@@ -1,9 +1,9 @@
-#include "client/connection/roster.h"
+#include "client/core/conversation/roster.h"
 
 #include <string>
 #include <utility>
 
-namespace ridgecast::connection {
+namespace ridgecast::core {
 
 Outcome<void> Roster::apply(const wire::Members& news, std::chrono::steady_clock::time_point now) {
   auto others = others_;
@@ -23,4 +23,4 @@ Outcome<void> Roster::apply(const wire::Members& news, std::chrono::steady_clock
   return {};
 }
 
-}  // namespace ridgecast::connection
+}  // namespace ridgecast::core

@@ -1,20 +1,18 @@
-#include "client/connection/outbox.h"
+#include "client/core/conversation/outbox.h"
 
 #include <utility>
 
-namespace ridgecast::connection {
+namespace ridgecast::core {
 
-std::optional<std::string> Outbox::put(const wire::PoseMessage& pose) {
+Wrong Outbox::put(const wire::PoseMessage& pose) {
   if (pacing_ == wire::Pacing::kFree) poses_.clear();
-  if (poses_.size() >= Connection::kMaxPoses)
-    return std::to_string(Connection::kMaxPoses) + " poses wait to leave; send the next when iterations have arrived";
+  if (poses_.size() >= kMaxPoses) return std::to_string(kMaxPoses) + " poses wait to leave; send the next when iterations have arrived";
   poses_.push_back(pose);
   return std::nullopt;
 }
 
-std::optional<std::string> Outbox::put(wire::ClientMessage message) {
-  if (messages_.size() >= Connection::kMaxWaiting)
-    return std::to_string(Connection::kMaxWaiting) + " messages wait to leave; send fewer at a time";
+Wrong Outbox::put(wire::ClientMessage message) {
+  if (messages_.size() >= kMaxWaiting) return std::to_string(kMaxWaiting) + " messages wait to leave; send fewer at a time";
   messages_.push_back(std::move(message));
   return std::nullopt;
 }
@@ -45,4 +43,4 @@ std::optional<wire::ClientMessage> Outbox::next() {
   return std::nullopt;
 }
 
-}  // namespace ridgecast::connection
+}  // namespace ridgecast::core

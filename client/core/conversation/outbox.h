@@ -1,79 +1,75 @@
 #pragma once
-// What waits to leave for the server, and in which order it leaves. Internal to the room. Not thread-safe; no thread, socket or clock.
+// What waits to leave for the server, and in which order it leaves. Internal to the room.
 
 #include <cstddef>
 #include <cstdint>
 #include <deque>
-#include <future>
+#include <functional>
 #include <map>
 #include <optional>
 #include <string>
 #include <utility>
 
-#include "client/connection/connection.h"
 #include "common/outcome/outcome.h"
 #include "common/wire/messages.h"
 #include "common/wire/wire.h"
 
-namespace ridgecast::connection {
+namespace ridgecast::core {
+
+using Wrong = std::optional<std::string>;  // a sentence that says what is, and what would be right; nothing: all is well
+
+inline constexpr std::size_t kMaxPoses = 64;     // that wait to leave
+inline constexpr std::size_t kMaxWaiting = 256;  // the same, of the clock's messages and of each kind of requests
 
 // Requests with an id, waiting to leave or for their answers: at most `atATime` have left, at most `waiting` wait. Not thread-safe.
 template <class Request, class Reply>
 class PendingRequests {
  public:
+  using Done = std::function<void(Outcome<Reply>)>;  // called once
   PendingRequests(std::size_t atATime, std::size_t waiting) : atATime_(atATime), most_(waiting) {}
 
-  std::future<Outcome<Reply>> add(Request request, std::optional<Error> refusal) {
-    std::promise<Outcome<Reply>> promise;
-    auto future = promise.get_future();
-    if (!refusal && waiting_.size() >= most_) refusal = Error{"more than " + std::to_string(most_) + " questions wait for the server"};
-    if (refusal) {
-      promise.set_value(*refusal);
-      return future;
-    }
+  void add(Request request, Done done) {
+    if (waiting_.size() >= most_) return done(Error{"more than " + std::to_string(most_) + " questions wait for the server"});
     request.id = ++last_;
-    waiting_.emplace_back(std::move(request), std::move(promise));
-    return future;
+    waiting_.emplace_back(std::move(request), std::move(done));
   }
   // The next that may leave.
   std::optional<Request> next() {
     if (waiting_.empty() || open_.size() >= atATime_) return std::nullopt;
-    auto [request, promise] = std::move(waiting_.front());
+    auto [request, done] = std::move(waiting_.front());
     waiting_.pop_front();
-    open_.emplace(request.id, std::move(promise));
+    open_.emplace(request.id, std::move(done));
     return std::move(request);
   }
-  bool take(std::uint64_t id, Reply reply) {
-    const auto it = open_.find(id);
-    if (it == open_.end()) return false;
+  // False: it is no answer to a request.
+  bool take(Reply reply) {
+    auto answered = open_.extract(reply.id);
+    if (!answered) return false;
     if (reply.refusal.empty())
-      it->second.set_value(std::move(reply));
+      answered.mapped()(std::move(reply));
     else
-      it->second.set_value(Error{std::move(reply.refusal)});
-    open_.erase(it);
+      answered.mapped()(Error{std::move(reply.refusal)});
     return true;
   }
   void fail(const Error& error) {
-    for (auto& [id, promise] : open_) promise.set_value(error);
-    for (auto& [request, promise] : waiting_) promise.set_value(error);
-    open_.clear();
-    waiting_.clear();
+    for (auto& [id, done] : std::exchange(open_, {})) done(error);
+    for (auto& [request, done] : std::exchange(waiting_, {})) done(error);
   }
 
  private:
   const std::size_t atATime_, most_;
   std::uint64_t last_ = 0;
-  std::deque<std::pair<Request, std::promise<Outcome<Reply>>>> waiting_;
-  std::map<std::uint64_t, std::promise<Outcome<Reply>>> open_;
+  std::deque<std::pair<Request, Done>> waiting_;
+  std::map<std::uint64_t, Done> open_;
 };
 
 class Outbox {
  public:
   explicit Outbox(wire::Pacing pacing) : pacing_(pacing) {}
 
-  // What waits in too large a number, if anything, and what would be right.
-  [[nodiscard]] std::optional<std::string> put(const wire::PoseMessage& pose);
-  [[nodiscard]] std::optional<std::string> put(wire::ClientMessage message);  // of the clock
+  // These say what waits in too large a number.
+  [[nodiscard]] Wrong put(const wire::PoseMessage& pose);
+  [[nodiscard]] Wrong put(wire::ClientMessage message);  // of the clock
 
   void put(const wire::Acknowledge& acknowledge) { acknowledge_ = acknowledge; }  // in the place of an earlier one
   void put(const wire::Resume& resume) { resumes_.push_back(resume); }            // the owner's scene bounds them
@@ -86,9 +82,9 @@ class Outbox {
   // The most urgent message; nothing when none may leave now.
   std::optional<wire::ClientMessage> next();
 
-  PendingRequests<wire::Query, wire::Answer> queries{wire::kMaxQueries, Connection::kMaxWaiting};
-  PendingRequests<wire::AskGround, wire::Ground> grounds{wire::kMaxGrounds, Connection::kMaxWaiting};
-  PendingRequests<wire::Edit, wire::EditAnswer> edits{wire::kMaxEdits, Connection::kMaxWaiting};
+  PendingRequests<wire::Query, wire::Answer> queries{wire::kMaxQueries, kMaxWaiting};
+  PendingRequests<wire::AskGround, wire::Ground> grounds{wire::kMaxGrounds, kMaxWaiting};
+  PendingRequests<wire::Edit, wire::EditAnswer> edits{wire::kMaxEdits, kMaxWaiting};
 
  private:
   const wire::Pacing pacing_;
@@ -101,4 +97,4 @@ class Outbox {
   std::deque<wire::ClientMessage> messages_;
 };
 
-}  // namespace ridgecast::connection
+}  // namespace ridgecast::core

@@ -8,7 +8,7 @@
 #include "common/outcome/outcome.h"
 #include "common/wire/messages.h"
 
-namespace ridgecast::connection {
+namespace ridgecast::core {
 
 struct Other {
   wire::Member member;
@@ -27,4 +27,4 @@ class Roster {
   std::uint64_t version_ = 0;
 };
 
-}  // namespace ridgecast::connection
+}  // namespace ridgecast::core

@@ -1,11 +1,11 @@
-#include "client/connection/session_clock.h"
+#include "client/core/conversation/session_clock.h"
 
 #include <algorithm>
 #include <cmath>
 
 #include "common/wire/wire.h"
 
-namespace ridgecast::connection {
+namespace ridgecast::core {
 
 namespace {
 
@@ -63,4 +63,4 @@ void SessionClock::hear(const wire::Clock& clock, Instant now) {
   if (!best_ || contradicts || sample.spread <= spreadOf(*best_, now)) best_ = sample;
 }
 
-}  // namespace ridgecast::connection
+}  // namespace ridgecast::core

@@ -1,13 +1,13 @@
-#include "client/connection/session_clock.h"
+#include "client/core/conversation/session_clock.h"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
 #include <random>
 
-#include "client/connection/roster.h"
+#include "client/core/conversation/roster.h"
 
-namespace ridgecast::connection {
+namespace ridgecast::core {
 namespace {
 
 using namespace std::chrono_literals;
@@ -132,4 +132,4 @@ TEST(Roster, RefusesWhatCannotBeAndKeepsWhatItHad) {
 }
 
 }  // namespace
-}  // namespace ridgecast::connection
+}  // namespace ridgecast::core

@@ -1,0 +1,136 @@
+#pragma once
+// A client's half of the conversation with a server (its other half: server/conversation): what is said and in which order, what was heard,
+// and what is wrong with it. A state machine without socket, thread and clock: frames and times come in, frames go out. Not thread-safe.
+
+#include <cstddef>
+#include <cstdint>
+#include <deque>
+#include <functional>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "client/core/conversation/outbox.h"
+#include "client/core/conversation/roster.h"
+#include "client/core/conversation/session_clock.h"
+#include "common/outcome/outcome.h"
+#include "common/wire/messages.h"
+
+namespace ridgecast::core {
+
+struct Received {
+  wire::Iteration iteration;
+  std::uint64_t bytes = 0;  // of the frame
+};
+struct EditsFound {
+  std::vector<wire::FoundEdits> found;
+  std::vector<wire::Squares> squares;
+};
+
+class Conversation {
+ public:
+  using Instant = SessionClock::Instant;
+
+  // `server`: what sentences call it.
+  Conversation(wire::Hello hello, std::string server);
+
+  // ---- the line, which carries a frame at a time each way ----
+
+  std::string hello() const;  // the first frame
+  // A sentence ends the conversation: what the server says in farewell, or what is wrong with the frame.
+  Wrong heard(std::span<const std::uint8_t> frame, Instant now);
+  // The most urgent frame, when the one before has left; nothing when none may leave now.
+  std::optional<std::string> next(Instant now);
+  // When next() has a frame although nothing was said or heard.
+  std::optional<Instant> due() const;
+  void end(const Error& why);  // to all requests that have no answer
+
+  // ---- what is said: a sentence ends the conversation; nothing happens before the world is there ----
+
+  // A waiting pose is replaced by a newer one (free pacing) or queued (lock-step, at most kMaxPoses).
+  Wrong send(const wire::PoseMessage& pose) { return outbox_.put(pose); }
+  Wrong acknowledge(const wire::Acknowledge& acknowledge);  // in the place of an earlier one
+  Wrong resume(const wire::Resume& resume);                 // before the first pose
+  Wrong resend(const wire::ResendLeaves& resend);           // beside those that wait
+  Wrong change(const wire::Settings& settings);             // in the place of an earlier one
+  Wrong want(const wire::WantTiles& wanted);
+  Wrong want(const wire::WantSquares& wanted);
+  Wrong find(const wire::FindEdits& find);
+  Wrong setClock(const wire::SetClock& set);
+  Wrong step(const wire::ClockStep& step) { return outbox_.put(step); }
+  Wrong stepDone(const wire::StepDone& done) { return outbox_.put(done); }
+  Wrong skipSteps(bool skips);  // from now on they are answered as done when they are heard
+  Wrong passOver(std::uint64_t camera);
+
+  // Requests; each sets the id. `done` is called once, in heard(), in end(), or at once where there is no room or the server's revision
+  // knows no such request.
+  void ask(wire::Query query, std::function<void(Outcome<wire::Answer>)> done);
+  void ask(const wire::AskGround& ask, std::function<void(Outcome<wire::Ground>)> done);
+  void ask(wire::Edit edit, std::function<void(Outcome<wire::EditAnswer>)> done);
+
+  // ---- what was heard ----
+
+  bool hasWorld() const { return hasWorld_; }
+  const wire::World& world() const { return world_; }
+  const wire::Settings& granted() const { return granted_; }
+  const Roster& roster() const { return roster_; }
+  const SessionClock& clock() const { return clock_; }
+  const std::optional<std::string>& sentTo() const { return sentTo_; }  // in farewell; empty: at the same place
+  bool followsEdits() const { return hello_.edits || world_.revision < 4; }
+  std::uint64_t bytes() const { return bytes_; }
+  bool hasIterations() const { return !iterations_.empty(); }
+  // The next iteration, in order. At most the world's window of them wait, and 256 MiB.
+  std::optional<Received> receive();
+  static constexpr std::size_t kMaxMadeEdits = 1u << 20;  // that wait; one more is wrong
+  std::vector<wire::MadeEdit> takeEdits();
+  std::vector<wire::HeightTile> takeTiles();
+  EditsFound takeEditsFound();
+
+ private:
+  struct Frame {
+    std::uint64_t bytes;
+    Instant heard;
+  };
+  Wrong take(wire::ServerMessage& message, const Frame&);
+  template <class Other>
+  Wrong take(Other&&, const Frame&) {  // taken before
+    return {};
+  }
+  Wrong take(wire::World&& world, const Frame&);
+  Wrong take(wire::Iteration&& iteration, const Frame&);
+  Wrong take(wire::HeightTiles&& come, const Frame&);
+  Wrong take(wire::Squares&& come, const Frame&);
+  Wrong take(wire::FoundEdits&& found, const Frame&);
+  Wrong take(wire::Members&& members, const Frame&);
+  Wrong take(wire::Clock&& said, const Frame&);
+  Wrong take(wire::Edited&& edited, const Frame&);
+  Wrong take(wire::Granted&& granted, const Frame&);
+  Wrong take(wire::Answer&& answer, const Frame&);
+  Wrong take(wire::Ground&& ground, const Frame&);
+  Wrong take(wire::EditAnswer&& answer, const Frame&);
+  Wrong skipStep();
+  Error lacks(const char* what) const;
+
+  const wire::Hello hello_;
+  const std::string server_;
+  Outbox outbox_;
+  bool hasWorld_ = false, skipsSteps_ = false;
+  wire::World world_;
+  wire::Settings granted_;
+  std::optional<std::string> sentTo_;
+  std::deque<Received> iterations_;
+  std::uint64_t waitingBytes_ = 0;                               // of their frames
+  std::size_t tilesOpen_ = 0, squaresOpen_ = 0, findsOpen_ = 0;  // requested and not taken; requested and not answered
+  std::vector<wire::HeightTile> tiles_;
+  EditsFound found_;
+  std::uint64_t lastEdit_ = 0;
+  std::vector<wire::MadeEdit> edits_;
+  Roster roster_;
+  SessionClock clock_;
+  std::optional<Instant> asksClock_;  // next
+  int clockAsked_ = 0;                // times
+  std::uint64_t bytes_ = 0;
+};
+
+}  // namespace ridgecast::core
