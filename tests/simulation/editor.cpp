@@ -31,8 +31,9 @@ void Editor::ask(edits::Operation operation, const Say& say) { send({{"key " + s
 
 void Editor::send(Request request, const Say& say) {
   ++request.sent;
-  say(wire::Edit{++ids_, request.asked.key, edits::toJson(request.asked.operation)});
-  open_[ids_] = std::move(request);
+  wire::Edit edit{0, request.asked.key, edits::toJson(request.asked.operation)};
+  open_[++ids_] = std::move(request);
+  say(std::move(edit), [this, id = ids_](const Outcome<wire::EditAnswer>& answer) { take(id, answer); });
 }
 
 void Editor::connected(const wire::World& world, const Say& say) {
@@ -48,27 +49,27 @@ void Editor::lost() {
     if (!request.asked.key.empty() && random_() % 8 != 0) lost_.push_back(std::move(request));
 }
 
-void Editor::take(const wire::EditAnswer& answer) {
-  const auto request = open_.extract(answer.id);
-  ASSERT_TRUE(request) << author_ << ": an answer to no edit";
+void Editor::take(std::uint64_t id, const Outcome<wire::EditAnswer>& answer) {
+  const auto request = open_.extract(id);
+  if (!request) return;  // it was lost
   const auto& [asked, sent] = request.mapped();
-  wasRefused_ = answer.number == 0;
-  EXPECT_NE(wasRefused_, answer.refusal.empty()) << author_;
+  wasRefused_ = !answer;
   if (wasRefused_) {
     static constexpr const char* kReasons[] = {
         "Too many or too large edits", "edits of this session wait", "of your edits wait",      "There is no edit",
         "is undone already",           "no room on the disk",        "is that of another edit", "ran out of memory"};
-    EXPECT_TRUE(std::ranges::any_of(kReasons, [&](const char* r) { return answer.refusal.find(r) != std::string::npos; }))
-        << answer.refusal;
+    const std::string& refusal = answer.error().message;
+    EXPECT_TRUE(std::ranges::any_of(kReasons, [&](const char* r) { return refusal.find(r) != std::string::npos; })) << refusal;
     if (sent == 1) truth_.refused(author_, asked.key);
     return;
   }
-  known_ = std::max(known_, answer.number);
-  truth_.acknowledged(answer.number, author_, asked);
+  EXPECT_NE(answer->number, 0u) << author_;
+  known_ = std::max(known_, answer->number);
+  truth_.acknowledged(answer->number, author_, asked);
 }
 
-void Editor::take(const wire::Edited& edited) {
-  for (const wire::MadeEdit& made : edited.edits) {
+void Editor::take(const std::vector<wire::MadeEdit>& edits) {
+  for (const wire::MadeEdit& made : edits) {
     EXPECT_EQ(made.number, ++followed_) << author_ << " is not told of each edit once and in order";
     truth_.told(made);
   }

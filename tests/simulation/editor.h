@@ -17,15 +17,15 @@ namespace ridgecast::simulation {
 
 class Editor {
  public:
-  using Say = std::function<void(const wire::ClientMessage&)>;
+  using Answered = std::function<void(const Outcome<wire::EditAnswer>&)>;
+  using Say = std::function<void(wire::Edit, Answered)>;
   Editor(std::string author, Truth& truth, Random& random) : author_(std::move(author)), truth_(truth), random_(random) {}
 
   void edit(lattice::Point near, const Say& say);
   void ask(edits::Operation operation, const Say& say);  // with a key
   void connected(const wire::World& world, const Say& say);
   void lost();  // the connection
-  void take(const wire::EditAnswer& answer);
-  void take(const wire::Edited& edited);
+  void take(const std::vector<wire::MadeEdit>& edits);
   void forget() { followed_ = 0; }  // what it followed
 
   bool hasRoom() const;
@@ -39,11 +39,12 @@ class Editor {
     std::uint64_t sent = 0;
   };
   void send(Request request, const Say& say);
+  void take(std::uint64_t id, const Outcome<wire::EditAnswer>& answer);
 
   const std::string author_;
   Truth& truth_;
   Random& random_;
-  std::map<std::uint64_t, Request> open_;  // by id
+  std::map<std::uint64_t, Request> open_;  // in order
   std::vector<Request> lost_;              // with their connection, before their answers came
   std::uint64_t ids_ = 0, keys_ = 0, followed_ = 0, known_ = 0;
   bool wasRefused_ = false;

@@ -29,7 +29,7 @@ class Line final : public session::Sender, public std::enable_shared_from_this<L
     Duration delay{};             // each way
     double bytesPerSecond = 1e9;  // to the client
   };
-  using Take = std::function<void(wire::ServerMessage)>;
+  using Take = std::function<void(const std::string& frame)>;
 
   // To a camera of its own in this session, of this client. Null: there is no place, the session is made, which takes so long, or the
   // server does not run.
@@ -44,14 +44,15 @@ class Line final : public session::Sender, public std::enable_shared_from_this<L
         take_(std::move(take)) {}
 
   // The member's end.
-  void say(const wire::ClientMessage& message);
+  void say(std::string frame);
+  void say(const wire::ClientMessage& message) { say(wire::encode(message)); }
   // `unheard`: how long the server takes the line for open.
   void cut(Duration unheard);
   // Nothing more is read for so long.
-  void stall(Duration time) { left_ = std::max(left_, timer_.now()) + time; }
+  void stall(Duration time) { quietFrom_ = left_ = std::max(left_, timer_.now()) + time; }
   bool isOpen() const { return !cut_ && !fell_; }
-  // When all that was said and sent until now has arrived.
-  Time quietFrom() const;
+  // When all that was said and sent until now has arrived, but for questions about the time, which never end.
+  Time quietFrom() const { return quietFrom_; }
 
   // The server's end.
   void fall();  // the server is gone: only what has left it may still arrive
@@ -78,6 +79,7 @@ class Line final : public session::Sender, public std::enable_shared_from_this<L
   std::shared_ptr<session::CameraSession> camera_;
   Time said_{};  // when the last of the member's messages arrives
   Time left_{};  // when the last of the server's messages leaves
+  Time quietFrom_{};
   std::size_t queued_ = 0, queuedMembers_ = 0, queuedPages_ = 0;
   std::size_t granted_ = 0;  // bytes of what was sent last, if it says what is granted: the iteration that follows was begun before
   std::vector<std::shared_ptr<const void>> stuck_;  // tickets of what will never leave

@@ -41,38 +41,39 @@ Member::Member(std::string name, Server& server, Truth& truth, SimulatedTimer& t
 // ---- the line ----
 
 void Member::connect() {
-  const auto hear = [this, number = ++connections_](wire::ServerMessage message) {
-    if (line_ && number == connections_) std::visit([this](auto& m) { take(m); }, message);
+  const auto take = [this, number = ++connections_](const std::string& frame) {
+    if (line_ && number == connections_) hear(frame);
   };
   const Duration entering = std::chrono::milliseconds(random_() % 2 == 0 ? 0 : random_() % 400);
-  line_ = Line::open(server_, nature_.session, name_, timer_, nature_.way, hear, entering);
+  line_ = Line::open(server_, nature_.session, name_, timer_, nature_.way, take, entering);
   if (!line_) return;  // the server does not run, makes the session, or has not yet noticed which lines are lost
   wire::Hello hello = nature_.hello;
   hello.editsAfter = editor_.followed();
-  line_->say(hello);
+  conversation_.emplace(hello, name_ + "'s server");
+  threshold_ = hello.settings.threshold;
+  line_->say(conversation_->hello());
 }
 
 void Member::lose(Duration unheard) {
   if (!line_) return;
   line_->cut(unheard);
   line_.reset();
-  world_.reset();
-  roster_ = {};
-  clock_ = {};
+  editor_.lost();
+  conversation_->end({"lost"});
+  conversation_.reset();
+  leaving_ = false;
+  wakes_.reset();
+  said_ = {};
   lastNumber_ = undigested_ = lastStepDone_ = stepAsked_ = edit_ = 0;
   lastPose_ = sequence_;
   settled_ = false;
-  asked_.clear();
-  grounds_.clear();
-  editor_.lost();
+  questions_ = grounds_ = 0;
 }
 
 void Member::mute(Duration noticed) {
   if (!line_) return;
   line_->cut(2 * noticed);
-  timer_.at(timer_.now() + noticed, [this, noticed, number = connections_] {
-    if (line_ && number == connections_) lose(noticed);
-  });
+  later(timer_.now() + noticed, [this, noticed] { lose(noticed); });
 }
 
 void Member::stall(Duration time) {
@@ -81,9 +82,39 @@ void Member::stall(Duration time) {
 
 void Member::fall() {
   poster_.fall();
-  timer_.at(timer_.now() + nature_.way.delay + 2ms, [this, number = connections_] {
-    if (line_ && number == connections_) lose({});
+  later(timer_.now() + nature_.way.delay + 2ms, [this] { lose({}); });
+}
+
+// One frame at a time, as a socket takes them.
+void Member::flush() {
+  if (!line_ || leaving_) return;
+  while (const auto frame = conversation_->next(timer_.now())) {
+    line_->say(*frame);
+    if (nature_.leaving == Duration()) continue;
+    leaving_ = true;
+    return later(timer_.now() + nature_.leaving, [this] {
+      leaving_ = false;
+      flush();
+    });
+  }
+  const std::optional<Time> due = conversation_->due();
+  if (!due || (wakes_ && *wakes_ <= *due)) return;
+  wakes_ = due;
+  later(*due, [this] {
+    wakes_.reset();
+    flush();
   });
+}
+
+void Member::later(Time when, std::function<void()> act) {
+  timer_.at(when, [this, act = std::move(act), number = connections_] {
+    if (line_ && number == connections_) act();
+  });
+}
+
+void Member::say(const core::Wrong& wrong) {
+  EXPECT_FALSE(wrong) << name_ << ": " << *wrong;
+  flush();
 }
 
 void Member::leave(Duration unheard) {
@@ -98,7 +129,7 @@ void Member::leave(Duration unheard) {
 void Member::pose() {
   settled_ = false;
   ++sequence_;
-  line_->say(wire::PoseMessage{sequence_, camera_, std::vector<std::uint8_t>(nature_.stateBytes, static_cast<std::uint8_t>(sequence_))});
+  say(conversation_->send({sequence_, camera_, std::vector<std::uint8_t>(nature_.stateBytes, static_cast<std::uint8_t>(sequence_))}));
 }
 
 void Member::fly(double metres) {
@@ -116,9 +147,8 @@ void Member::insist() {
 }
 
 void Member::ask(bool much) {
-  if (!connected() || asked_.size() >= wire::kMaxQueries) return;
+  if (!connected() || questions_ >= wire::kMaxQueries + 8) return;  // the last wait until others are answered
   wire::Query query;
-  query.id = ++questions_;
   constexpr std::int64_t kNear = 50 * lattice::kStepsPerMetre;
   const auto near = [&](lattice::Step middle) { return middle - kNear + static_cast<lattice::Step>(random_() % (2 * kNear)); };
   switch (much ? 2 : random_() % 4) {
@@ -138,15 +168,32 @@ void Member::ask(bool much) {
         query.z.push_back(near(site_.z));
       }
   }
-  asked_[query.id] = query;
-  line_->say(query);
+  ++questions_;
+  conversation_->ask(query, [this, query](const Outcome<wire::Answer>& answer) {
+    if (!answer && answer.error().message == "lost") return;
+    --questions_;
+    ASSERT_TRUE(answer) << name_ << ": " << answer.error().message;
+    truth_.answered(query, *answer);
+    saw(answer->id);
+  });
+  flush();
 }
 
 void Member::askGround() {
-  if (!connected() || grounds_.size() >= wire::kMaxGrounds) return;
-  const wire::AskGround ask{++questions_, site_, 1 + static_cast<double>(random_() % 30), 0.2 + static_cast<double>(random_() % 20) / 10};
-  grounds_[ask.id] = ask;
-  line_->say(ask);
+  if (!connected() || grounds_ >= wire::kMaxGrounds + 2) return;
+  const wire::AskGround ask{0, site_, 1 + static_cast<double>(random_() % 30), 0.2 + static_cast<double>(random_() % 20) / 10};
+  ++grounds_;
+  conversation_->ask(ask, [this, ask](const Outcome<wire::Ground>& ground) {
+    if (!ground && ground.error().message == "lost") return;
+    --grounds_;
+    if (!ground) {
+      EXPECT_NE(ground.error().message.find("the camera's budget"), std::string::npos) << ground.error().message;
+      return;
+    }
+    truth_.answered(ask, *ground);
+    saw(ground->id + ground->leaves.size());
+  });
+  flush();
 }
 
 void Member::askMap() {
@@ -181,25 +228,25 @@ void Member::askMap() {
 }
 
 void Member::takeClock() {
-  if (connected() && nature_.hello.clock) line_->say(wire::SetClock{true, wire::ClockMode::kStepped, 0});
+  if (connected() && nature_.hello.clock) say(conversation_->setClock({true, wire::ClockMode::kStepped, 0}));
 }
 
 // The next step, when the last one is done; where nobody has the clock, it is taken first.
 void Member::step() {
   if (!connected() || !nature_.hello.clock) return;
-  const wire::Clock& said = clock_.said();
+  const wire::Clock& said = conversation_->clock().said();
   if (said.owner == 0) return takeClock();
-  if (said.owner != world_->camera || said.mode != wire::ClockMode::kStepped || !said.waitsFor.empty() || stepAsked_ > said.step) return;
+  if (said.owner != world().camera || said.mode != wire::ClockMode::kStepped || !said.waitsFor.empty() || stepAsked_ > said.step) return;
   stepAsked_ = said.step + 1;
-  line_->say(wire::ClockStep{20'000, true});
+  say(conversation_->step({20'000, true}));
 }
 
 void Member::setThreshold(double pixels) {
   if (!connected()) return;
-  threshold_ = 0;  // a mesh at rest that suits it stays as it is, and nothing but the grant comes
+  threshold_ = pixels;  // a mesh at rest that suits it stays as it is, and nothing but the grant comes
   wire::Settings settings = nature_.hello.settings;
   settings.threshold = pixels;
-  line_->say(wire::ChangeSettings{settings});
+  say(conversation_->change(settings));
 }
 
 void Member::edit() {
@@ -226,21 +273,35 @@ void Member::undo(std::uint64_t edit) { editor_.ask({edits::Undo{edit}, 0}, say_
 
 // ---- what it sees ----
 
-void Member::take(wire::World& world) {
-  ASSERT_FALSE(world_) << name_ << ": two worlds";
-  if (!std::exchange(followed_, true)) follower_.follow({nature_.hello.points, world.shadedVertices, world.settings.triangleBudget});
-  world_ = world;
-  threshold_ = world.settings.threshold;
-  edit_ = world.edit;
-  for (const wire::Resume& held : follower_.resume()) line_->say(held);
-  editor_.connected(world, say_);
+void Member::hear(const std::string& frame) {
+  const bool wasConnected = connected();
+  const std::uint64_t members = conversation_->roster().version(), clock = conversation_->clock().version();
+  if (const core::Wrong wrong = conversation_->heard({reinterpret_cast<const std::uint8_t*>(frame.data()), frame.size()}, timer_.now())) {
+    EXPECT_NE(wrong->find("ran out of memory"), std::string::npos) << *wrong;
+    return lose({});
+  }
+  if (connected() && !wasConnected) greeted();
+  if (conversation_->roster().version() > members) lookAtMembers();
+  if (conversation_->clock().version() > clock) take(conversation_->clock().said());
+  while (const auto received = conversation_->receive()) take(received->iteration);
+  if (const auto edits = conversation_->takeEdits(); !edits.empty()) {
+    editor_.take(edits);
+    saw(editor_.followed());
+  }
+  flush();
+}
+
+void Member::greeted() {
+  if (!std::exchange(followed_, true)) follower_.follow({nature_.hello.points, world().shadedVertices, world().settings.triangleBudget});
+  edit_ = world().edit;
+  for (const wire::Resume& held : follower_.resume()) say(conversation_->resume(held));
+  editor_.connected(world(), say_);
   pose();
 }
 
-void Member::take(wire::Iteration& iteration) {
-  ASSERT_TRUE(world_) << name_;
+void Member::take(const wire::Iteration& iteration) {
   EXPECT_EQ(iteration.number, ++lastNumber_) << name_;
-  EXPECT_LE(++undigested_, world_->window) << name_ << ": more iterations than its window";
+  EXPECT_LE(++undigested_, world().window) << name_ << ": more iterations than its window";
   EXPECT_LE(iteration.poseSequence, sequence_) << name_;
   if (isLockstep())
     EXPECT_EQ(iteration.poseSequence, lastPose_ + 1) << name_ << ": not one iteration for each pose";
@@ -250,91 +311,56 @@ void Member::take(wire::Iteration& iteration) {
   EXPECT_GE(iteration.edit, edit_) << name_ << "'s ground goes back";
   edit_ = iteration.edit;
   truth_.knows(edit_);
-  timer_.at(timer_.now() + nature_.think, [this, iteration, number = connections_] {
-    if (line_ && number == connections_) digest(iteration);
-  });
+  later(timer_.now() + nature_.think, [this, iteration] { digest(iteration); });
 }
 
 void Member::digest(const wire::Iteration& iteration) {
   --undigested_;
   const replica::Follower::Answer answer = follower_.apply(iteration);
   EXPECT_FALSE(answer.wrong) << name_ << ": " << answer.wrong->message;
-  if (answer.resend) line_->say(*answer.resend);
-  line_->say(answer.acknowledge);
+  if (answer.resend) say(conversation_->resend(*answer.resend));
+  say(conversation_->acknowledge(answer.acknowledge));
   settled_ = iteration.settled && iteration.poseSequence == sequence_;
   saw(iteration.meshHash);
 }
 
-void Member::take(const wire::Members& news) {
+void Member::lookAtMembers() {
   EXPECT_TRUE(nature_.hello.members) << name_;
-  const auto applied = roster_.apply(news, timer_.now());
-  EXPECT_TRUE(applied) << name_ << ": " << applied.error().message;
-  EXPECT_FALSE(roster_.others().contains(world_->camera)) << name_ << " is told of itself";
-  for (const wire::Moved& moved : news.moved) saw(moved.camera ^ moved.pose.sequence << 32);
+  const auto& others = conversation_->roster().others();
+  EXPECT_FALSE(others.contains(world().camera)) << name_ << " is told of itself";
+  for (const auto& [camera, other] : others)
+    if (other.heard == timer_.now() && other.member.moved) saw(camera ^ other.member.moved->pose.sequence << 32);
 }
 
 void Member::take(const wire::Clock& clock) {
-  const wire::Clock before = clock_.said();
-  if (clock_.version() > 0) {
-    EXPECT_GE(clock.time, before.time) << name_ << " sees time go back";
-    EXPECT_GE(clock.step, before.step) << name_ << " sees a step undone";
-  }
-  clock_.hear(clock, timer_.now());
+  const wire::Clock before = std::exchange(said_, clock);
+  EXPECT_GE(clock.time, before.time) << name_ << " sees time go back";
+  EXPECT_GE(clock.step, before.step) << name_ << " sees a step undone";
   saw(clock.time);
   if (clock.step > before.step || before.waitsFor != clock.waitsFor) {
     if (random_() % 8 != 0) step();  // and the next
   }
-  const bool wasPassedOver = clock.notice.starts_with("Member " + std::to_string(world_->camera) + " was passed over");
-  if (!wasPassedOver && (!clock_.waitsFor(world_->camera) || clock.step <= lastStepDone_)) return;
+  const bool wasPassedOver = clock.notice.starts_with("Member " + std::to_string(world().camera) + " was passed over");
+  if (!wasPassedOver && (!conversation_->clock().waitsFor(world().camera) || clock.step <= lastStepDone_)) return;
   lastStepDone_ = clock.step;
   if (!wasPassedOver && random_() % 4 == 0) return;  // it forgets
-  line_->say(wire::StepDone{clock.step});
-}
-
-void Member::take(const wire::Answer& answer) {
-  const auto question = asked_.extract(answer.id);
-  ASSERT_TRUE(question) << name_ << ": an answer to no question";
-  ASSERT_EQ(answer.refusal, "") << name_;
-  truth_.answered(question.mapped(), answer);
-  saw(answer.id);
-}
-
-void Member::take(const wire::Ground& ground) {
-  const auto question = grounds_.extract(ground.id);
-  ASSERT_TRUE(question) << name_ << ": a ground for no question";
-  truth_.answered(question.mapped(), ground);
-  saw(ground.id + ground.leaves.size());
-}
-
-void Member::take(const wire::EditAnswer& answer) {
-  editor_.take(answer);
-  saw(answer.number);
-}
-
-void Member::take(const wire::Edited& edited) {
-  EXPECT_TRUE(nature_.hello.edits) << name_;
-  editor_.take(edited);
-  saw(editor_.followed());
-}
-
-void Member::take(const wire::ErrorMessage& error) {
-  EXPECT_NE(error.message.find("ran out of memory"), std::string::npos) << name_ << " is refused: " << error.message;
-  lose({});
+  say(conversation_->stepDone({clock.step}));
 }
 
 bool Member::rests(std::uint64_t edit) const {
-  return connected() && line_->isOpen() && asked_.empty() && grounds_.empty() && undigested_ == 0 && settled_ && threshold_ != 0 &&
-         edit_ == edit && !editor_.waits() && !poster_.waits() && (!nature_.hello.edits || editor_.followed() == edit);
+  return connected() && line_->isOpen() && questions_ == 0 && grounds_ == 0 && undigested_ == 0 && settled_ &&
+         conversation_->granted().threshold == threshold_ && edit_ == edit && !editor_.waits() && !poster_.waits() &&
+         (!nature_.hello.edits || editor_.followed() == edit);
 }
 
 bool Member::knows(const session::Presence::State& state) const {
-  const wire::Clock& clock = clock_.said();
+  const wire::Clock& clock = conversation_->clock().said();
   const auto isSame = [&](const auto field) { return clock.*field == state.clock.*field; };
   if (nature_.hello.clock && !(isSame(&wire::Clock::step) && isSame(&wire::Clock::owner) && isSame(&wire::Clock::waitsFor))) return false;
   if (!nature_.hello.members) return true;
-  const auto& others = roster_.others();
+  const auto& others = conversation_->roster().others();
   return others.size() + 1 == state.members.size() && std::ranges::all_of(state.members, [&](const wire::Member& member) {
-           if (member.camera == world_->camera) return true;
+           if (member.camera == world().camera) return true;
            const auto known = others.find(member.camera);
            const auto poseOf = [](const wire::Member& m) {
              return m.moved ? std::pair(m.moved->pose.sequence, m.moved->pose.state)
@@ -369,9 +395,9 @@ void Member::judgeWait() const {
   poster_.judgeWait();
   const Duration most = nature_.hello.settings.bytesPerSecond == 0 ? 2s : 10s;
   if (!line_ || !line_->isOpen() || undigested_ > 0 || timer_.now() - line_->quietFrom() <= most) return;
-  EXPECT_TRUE(world_) << name_ << " waits for the world";
-  EXPECT_TRUE(asked_.empty()) << name_ << " waits for an answer";
-  EXPECT_TRUE(grounds_.empty()) << name_ << " waits for a ground";
+  EXPECT_TRUE(connected()) << name_ << " waits for the world";
+  EXPECT_EQ(questions_, 0u) << name_ << " waits for an answer";
+  EXPECT_EQ(grounds_, 0u) << name_ << " waits for a ground";
   EXPECT_FALSE(editor_.waits()) << name_ << " waits for the answer to an edit";
   EXPECT_TRUE(lastPose_ == sequence_ && (isLockstep() || settled_)) << name_ << " waits for an iteration: " << state();
 }
@@ -380,8 +406,8 @@ std::string Member::state() const {
   if (!connected()) return name_ + " is not connected";
   return name_ + ": pose " + std::to_string(sequence_) + ", iteration " + std::to_string(lastNumber_) + " for pose " +
          std::to_string(lastPose_) + (settled_ ? ", settled" : "") + ", " + std::to_string(undigested_) + " undigested, " +
-         std::to_string(asked_.size()) + " questions open, clock step " + std::to_string(clock_.said().step) + " of " +
-         std::to_string(clock_.said().owner);
+         std::to_string(questions_) + " questions open, clock step " + std::to_string(conversation_->clock().said().step) + " of " +
+         std::to_string(conversation_->clock().said().owner);
 }
 
 }  // namespace ridgecast::simulation

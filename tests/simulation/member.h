@@ -1,18 +1,17 @@
 #pragma once
-// A member of a simulated session, honest: the client's own replica, roster and clock, without sockets and threads. It flies, asks, steps
+// A member of a simulated session, honest: the client's own conversation and replica, without sockets and threads. It flies, asks, steps
 // the clock when it has it, is slow, loses its line and comes back. What it sees is judged as it comes.
 
 #include <gtest/gtest.h>
 
 #include <cstdint>
-#include <map>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <random>
 #include <string>
 
-#include "client/core/conversation/roster.h"
-#include "client/core/conversation/session_clock.h"
+#include "client/core/conversation/conversation.h"
 #include "client/replica/follower.h"
 #include "tests/simulation/editor.h"
 #include "tests/simulation/line.h"
@@ -28,6 +27,7 @@ class Member {
     wire::Hello hello;
     Line::Way way;
     Duration think{};            // between an iteration's arrival and its acknowledgement
+    Duration leaving{};          // of each frame that it sends: the next one waits so long
     std::size_t stateBytes = 0;  // of its own in each pose
     std::string session{session::kDefaultName};
   };
@@ -55,7 +55,7 @@ class Member {
   void stall(Duration time);      // it reads nothing
   void undo(std::uint64_t edit);  // until its answer has come
 
-  bool connected() const { return line_ && world_.has_value(); }
+  bool connected() const { return line_ && conversation_->hasWorld(); }
   bool wantsToConnect() const { return !line_; }
   const std::string& session() const { return nature_.session; }
   bool isLockstep() const { return nature_.hello.pacing == wire::Pacing::kLockstep; }
@@ -70,21 +70,15 @@ class Member {
   std::uint64_t history() const { return history_; }        // a hash of what it has seen
 
  private:
-  void take(wire::ServerMessage& message);
-  void take(wire::World& world);
-  void take(wire::Iteration& iteration);
-  void take(const wire::Members& news);
+  const wire::World& world() const { return conversation_->world(); }
+  void hear(const std::string& frame);
+  void flush();                                      // what may leave now
+  void later(Time when, std::function<void()> act);  // while this connection lasts
+  void say(const core::Wrong& wrong);
+  void greeted();
+  void take(const wire::Iteration& iteration);
+  void lookAtMembers();
   void take(const wire::Clock& clock);
-  void take(const wire::Answer& answer);
-  void take(const wire::Ground& ground);
-  void take(const wire::Granted& granted) { threshold_ = granted.settings.threshold; }
-  void take(const wire::ErrorMessage& error);
-  void take(const wire::EditAnswer& answer);
-  void take(const wire::Edited& edited);
-  template <class Other>
-  void take(const Other&) {
-    ADD_FAILURE() << name_ << " was sent what it did not ask for";
-  }
   void digest(const wire::Iteration& iteration);
   void pose();
   void chooseSite();
@@ -96,7 +90,10 @@ class Member {
   SimulatedTimer& timer_;
   Random& random_;
   const Nature nature_;
-  const Editor::Say say_ = [this](const wire::ClientMessage& message) { line_->say(message); };
+  const Editor::Say say_ = [this](wire::Edit edit, Editor::Answered done) {
+    conversation_->ask(std::move(edit), std::move(done));
+    flush();
+  };
 
   Editor editor_;
   Poster poster_;
@@ -104,18 +101,18 @@ class Member {
   replica::Follower follower_;
   camera::Camera camera_;
   double heading_ = 0, threshold_ = 0;
-  std::uint64_t sequence_ = 0, questions_ = 0, history_ = 0, connections_ = 0;
+  std::uint64_t sequence_ = 0, history_ = 0, connections_ = 0;
   bool followed_ = false;  // the first world has come
 
   // Of the connection.
   std::shared_ptr<Line> line_;
-  std::optional<wire::World> world_;
-  core::Roster roster_;
-  core::SessionClock clock_;
+  std::optional<core::Conversation> conversation_;  // where there is a line
+  bool leaving_ = false;                            // a frame is
+  std::optional<Time> wakes_;                       // flush() will be called
+  wire::Clock said_;                                // about the time, before
   std::uint64_t lastNumber_ = 0, lastPose_ = 0, undigested_ = 0, lastStepDone_ = 0, stepAsked_ = 0, edit_ = 0;
+  std::size_t questions_ = 0, grounds_ = 0;  // that have no answer
   bool settled_ = false;
-  std::map<std::uint64_t, wire::Query> asked_;
-  std::map<std::uint64_t, wire::AskGround> grounds_;  // likewise
 };
 
 }  // namespace ridgecast::simulation

@@ -63,6 +63,7 @@ void World::admit(std::uint64_t number, lattice::Point site) {
   nature.way.delay = std::chrono::microseconds(random_() % 3 == 0 ? 0 : random_() % 200'000);
   if (random_() % 3 == 0) nature.way.bytesPerSecond = 20'000 + static_cast<double>(random_() % 200'000);
   if (random_() % 2 == 0) nature.think = std::chrono::milliseconds(random_() % 300);
+  if (random_() % 2 == 0) nature.leaving = std::chrono::microseconds(random_() % 20'000);
   if (random_() % 2 == 0) nature.stateBytes = random_() % (wire::kMaxStateBytes + 1);
   if (number > 1 && random_() % 4 == 0) nature.session = kOther;
   Truth& truth = truths_.at(nature.session);
