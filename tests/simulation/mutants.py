@@ -199,6 +199,32 @@ MUTANTS = [
     ("server/refinement/adaptive_mesh.h", "    mesh_.vertexPages().setFresh(v);\n", "", "test encoding_test"),
     ("server/encoding/held_points.cpp", "if (held.size() + list_.size() - known == surface.mesh->vertexCount(mesh.region(leaf)))",
      "if (known <= held.size())", "test encoding_test"),
+    # The client's half.
+    ("client/core/conversation/outbox.cpp", "  if (pacing_ == wire::Pacing::kFree) poses_.clear();\n", "  if (pacing_ == wire::Pacing::kFree && poses_.size() > 1) return std::nullopt;\n"),
+    ("client/core/conversation/outbox.cpp",
+     "  if (all || resend_->leaves.size() > wire::kMaxResendLeaves) resend_->leaves.clear();\n",
+     "",
+     "test core_conversation_test"),
+    ("client/core/conversation/outbox.cpp",
+     "  if (!resumes_.empty()) return pop(resumes_);\n  if (resend_)",
+     "  if (!poses_.empty()) return pop(poses_);\n  if (!resumes_.empty()) return pop(resumes_);\n  if (resend_)"),
+    ("client/core/conversation/outbox.cpp", "if (acknowledge_) return *std::exchange(acknowledge_, std::nullopt);", "if (acknowledge_) return *acknowledge_;", "test core_conversation_test"),
+    ("client/core/conversation/outbox.h", "auto answered = open_.extract(reply.id);", "auto answered = open_.extract(open_.begin());"),
+    ("client/core/conversation/outbox.h", "open_.size() >= atATime_", "open_.size() > 2 * atATime_"),
+    ("client/core/conversation/outbox.h", "    request.id = ++last_;\n", "    request.id = last_ += waiting_.empty();\n"),
+    ("client/core/conversation/conversation.cpp", "  lastEdit_ = std::max(lastEdit_, world_.compacted);\n", "", "test core_conversation_test"),
+    ("client/core/conversation/conversation.cpp", "lastEdit_(hello_.editsAfter)", "lastEdit_(0)"),
+    ("client/core/conversation/conversation.cpp", "  waitingBytes_ -= received.bytes;\n", "", "test core_conversation_test"),
+    ("client/core/conversation/conversation.cpp", "  iterations_.pop_front();\n", "  if (iterations_.size() > 1) iterations_.pop_back();\n  else iterations_.clear();\n", "test core_conversation_test"),
+    ("client/core/conversation/conversation.cpp", "  granted_ = granted.settings;\n", ""),
+    ("client/core/conversation/conversation.cpp", "    if (asksClock_) asksClock_ = now;\n", "", "test core_conversation_test"),
+    ("client/core/conversation/roster.cpp", "    it->second.member.moved = m;\n", "    if (!it->second.member.moved) it->second.member.moved = m;\n"),
+    # The stream's bytes.
+    ("common/wire/table.h", "if (found.chosen != kRows<T>) found.held[found.chosen] = {};", "", "test wire_test"),
+    ("common/wire/table.h", "    if (there) earlier->push_back(last);\n", "", "test wire_test"),
+    ("common/wire/coding.h", "value = bits != 0;", "value = bits & 1;", "test wire_test"),
+    ("common/wire/coding.cpp", "takeVarint(bytes, read, 5)", "takeVarint(bytes, read, 4)", "test wire_test"),
+    ("common/wire/coding.cpp", "    return content.empty() || content.back() < 0x80;\n", "    return true;\n", "test wire_test"),
 ]
 
 
