@@ -200,7 +200,7 @@ MUTANTS = [
     ("server/encoding/held_points.cpp", "if (held.size() + list_.size() - known == surface.mesh->vertexCount(mesh.region(leaf)))",
      "if (known <= held.size())", "test encoding_test"),
     # The client's half.
-    ("client/core/conversation/outbox.cpp", "  if (pacing_ == wire::Pacing::kFree) poses_.clear();\n", "  if (pacing_ == wire::Pacing::kFree && poses_.size() > 1) return std::nullopt;\n"),
+    ("client/core/conversation/outbox.cpp", "  if (pacing_ == wire::Pacing::kFree) poses_.clear();\n", "  if (pacing_ == wire::Pacing::kFree && poses_.size() > 1) return std::nullopt;\n", "test core_conversation_test"),
     ("client/core/conversation/outbox.cpp",
      "  if (all || resend_->leaves.size() > wire::kMaxResendLeaves) resend_->leaves.clear();\n",
      "",
@@ -210,7 +210,7 @@ MUTANTS = [
      "  if (!poses_.empty()) return pop(poses_);\n  if (!resumes_.empty()) return pop(resumes_);\n  if (resend_)"),
     ("client/core/conversation/outbox.cpp", "if (acknowledge_) return *std::exchange(acknowledge_, std::nullopt);", "if (acknowledge_) return *acknowledge_;", "test core_conversation_test"),
     ("client/core/conversation/outbox.h", "auto answered = open_.extract(reply.id);", "auto answered = open_.extract(open_.begin());"),
-    ("client/core/conversation/outbox.h", "open_.size() >= atATime_", "open_.size() > 2 * atATime_"),
+    ("client/core/conversation/outbox.h", "open_.size() >= atATime_", "open_.size() > 2 * atATime_", "test core_conversation_test"),
     ("client/core/conversation/outbox.h", "    request.id = ++last_;\n", "    request.id = last_ += waiting_.empty();\n"),
     ("client/core/conversation/conversation.cpp", "  lastEdit_ = std::max(lastEdit_, world_.compacted);\n", "", "test core_conversation_test"),
     ("client/core/conversation/conversation.cpp", "lastEdit_(hello_.editsAfter)", "lastEdit_(0)"),

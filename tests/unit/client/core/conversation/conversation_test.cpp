@@ -209,6 +209,8 @@ TEST(Conversation, IterationsWaitAtMostAsManyAsTheWindow) {
   const std::string bytes = iteration(1, 24 << 20);
   for (int n = 0; n < 10; ++n) EXPECT_EQ(large.hears(bytes), "");
   expectHas(large.hears(bytes), "256 MiB of iterations");
+  EXPECT_TRUE(large.conversation.receive());
+  EXPECT_EQ(large.hears(bytes), "") << "there is room again";
 }
 
 TEST(Conversation, WhatNobodyAskedForEndsIt) {
