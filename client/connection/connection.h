@@ -89,8 +89,8 @@ class Connection {
 
   // With hello.clock: the session's clock, requested repeatedly so that it stays good to a fraction of a round trip.
   core::SessionClock clock() const;
-  // Waits until something newer than `seen` (core::SessionClock::version) was heard; false when nothing was within `timeout` or the connection
-  // has ended.
+  // Waits until something newer than `seen` (core::SessionClock::version) was heard; false when nothing was within `timeout` or the
+  // connection has ended.
   bool waitForClock(std::uint64_t seen, std::chrono::milliseconds timeout) const;
   // Never block. At most core::kMaxWaiting of these wait to leave: one more ends the connection with an error.
   void setClock(const wire::SetClock& set);
@@ -102,8 +102,8 @@ class Connection {
   void passOver(std::uint64_t camera);
 
   // Requests to the server; sets `id`. The future holds the answer, or an error if the connection ends, the server knows no queries
-  // (World::revision 0), or more than core::kMaxWaiting wait. At most wire::kMaxQueries and wire::kMaxGrounds are pending at a time; the others
-  // wait here. Futures may outlive the connection.
+  // (World::revision 0), or more than core::kMaxWaiting wait. At most wire::kMaxQueries and wire::kMaxGrounds are pending at a time; the
+  // others wait here. Futures may outlive the connection.
   std::future<Outcome<wire::Answer>> ask(wire::Query query);
   std::future<Outcome<wire::Ground>> askGround(const wire::AskGround& ask);
 

@@ -257,8 +257,7 @@ Result<std::uint64_t> World::nextStep(Milliseconds timeout) {
   if (!follows_) return Failure{Fault::kInvalid, "this member does not follow the clock: join so that it does"};
   for (const auto until = Clock::now() + timeout;;) {
     if (auto there = connected(until); !there) return there.error();
-    if (auto heard = clockUntil(until, [](const core::SessionClock& clock) { return clock.version() > 0; }); !heard)
-      return heard.error();
+    if (auto heard = clockUntil(until, [](const core::SessionClock& clock) { return clock.version() > 0; }); !heard) return heard.error();
     const auto clock = client_->connection()->clock();
     if (stepOf_ != reconnections()) {
       stepOf_ = reconnections();

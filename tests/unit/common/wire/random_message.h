@@ -15,7 +15,6 @@
 namespace ridgecast::wire {
 
 namespace pb = ridgecast::v1;
-using Random = std::mt19937_64;
 
 class RandomMessage {
  public:
@@ -147,7 +146,7 @@ class RandomMessage {
       map->set_height(map->height() + 2);
       map->set_highest(std::max(map->lowest(), map->highest()));
     } else if (auto* made = dynamic_cast<pb::Edited*>(&message)) {
-      for (int k = 0; k < made->edits_size(); ++k) made->mutable_edits(k)->set_number(static_cast<std::uint64_t>(5 + k));
+      for (int k = 0; k < made->edits_size(); ++k) made->mutable_edits(k)->set_number(std::uint64_t{5} + static_cast<std::uint64_t>(k));
     } else if (auto* points = dynamic_cast<pb::Candidates*>(&message)) {
       points->clear_points();
       for (int k = 0; k < 3 * points->errors_size(); ++k) points->add_points(static_cast<std::int32_t>(integer()));
@@ -156,7 +155,7 @@ class RandomMessage {
     }
   }
 
-  Random random_;
+  std::mt19937_64 random_;
   std::uint64_t wildness_;
 };
 
