@@ -116,7 +116,7 @@ struct Connection::Impl final : WebSocket::Listener {
 
   bool writing_ = false;
 
-  mutable std::mutex mutex_;
+  std::mutex mutex_;
   std::condition_variable changed_;
   std::optional<Error> error_;
   core::Conversation conversation_;

@@ -3,6 +3,7 @@
 #include <algorithm>
 
 namespace ridgecast::wire {
+
 bool takeField(Content& bytes, Field& field) {
   std::uint64_t read = 0;
   if (!takeVarint(bytes, read, 5)) return false;

@@ -6,13 +6,12 @@
 #include <utility>
 
 #include "common/edits/author.h"
+#include "tests/support/bytes.h"
 
 namespace ridgecast::simulation {
 namespace {
 
 constexpr Duration kBuffered = std::chrono::milliseconds(1);  // how long what is sent without a limit takes to leave, at most
-
-std::span<const std::uint8_t> bytesOf(const std::string& s) { return {reinterpret_cast<const std::uint8_t*>(s.data()), s.size()}; }
 
 const std::string kQuestionAboutTheTime = wire::encode(wire::ClientMessage(wire::AskClock{})).substr(0, 1);  // the tag of its kind
 
@@ -37,7 +36,7 @@ void Line::say(std::string frame) {
   if (!frame.starts_with(kQuestionAboutTheTime)) quietFrom_ = std::max(quietFrom_, said_);
   timer_.at(said_, [self = shared_from_this(), bytes = std::move(frame)] {
     if (self->cut_ || self->fell_) return;
-    auto heard = wire::decodeClient(bytesOf(bytes));
+    auto heard = wire::decodeClient(testing_support::bytesOf(bytes));
     ASSERT_TRUE(heard) << heard.error().message;
     self->hear(std::move(*heard));
   });
@@ -77,8 +76,12 @@ void Line::closes(std::uint64_t edit) {
 
 void Line::leaves(const wire::ServerMessage& message) {
   failed_ = failed_ || std::holds_alternative<wire::ErrorMessage>(message);
+  if (const auto* ground = std::get_if<wire::Ground>(&message)) {
+    EXPECT_EQ(ground->leaves.empty(), !ground->refusal.empty()) << ground->refusal;
+  }
   const auto* answer = std::get_if<wire::EditAnswer>(&message);
   if (!answer) return;
+  EXPECT_NE(answer->number == 0, answer->refusal.empty()) << answer->refusal;
   if (answer->refusal.find("edits of this session wait") != std::string::npos) {
     EXPECT_EQ(openEditsOfAll_.edits, static_cast<std::int64_t>(session::Edits::kMostWaiting) + 1) << answer->refusal;
   }

@@ -11,6 +11,7 @@
 #include "common/edits/author.h"
 #include "server/http/map_tiles.h"
 #include "server/map/mercator.h"
+#include "tests/support/bytes.h"
 #include "tests/support/random_edits.h"
 
 namespace ridgecast::simulation {
@@ -276,7 +277,7 @@ void Member::undo(std::uint64_t edit) { editor_.ask({edits::Undo{edit}, 0}, say_
 void Member::hear(const std::string& frame) {
   const bool wasConnected = connected();
   const std::uint64_t members = conversation_->roster().version(), clock = conversation_->clock().version();
-  if (const core::Wrong wrong = conversation_->heard({reinterpret_cast<const std::uint8_t*>(frame.data()), frame.size()}, timer_.now())) {
+  if (const core::Wrong wrong = conversation_->heard(testing_support::bytesOf(frame), timer_.now())) {
     EXPECT_NE(wrong->find("ran out of memory"), std::string::npos) << *wrong;
     return lose({});
   }

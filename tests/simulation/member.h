@@ -91,7 +91,10 @@ class Member {
   Random& random_;
   const Nature nature_;
   const Editor::Say say_ = [this](wire::Edit edit, Editor::Answered done) {
-    conversation_->ask(std::move(edit), std::move(done));
+    conversation_->ask(std::move(edit), [this, done = std::move(done)](const Outcome<wire::EditAnswer>& answer) {
+      done(answer);
+      if (answer) saw(answer->number);
+    });
     flush();
   };
 

@@ -4,11 +4,10 @@
 #include <string>
 
 #include "common/wire/wire.h"
+#include "tests/support/bytes.h"
 
 namespace ridgecast::testing_support {
 
-inline wire::ServerMessage decoded(const std::string& message) {
-  return wire::decodeServer({reinterpret_cast<const std::uint8_t*>(message.data()), message.size()}).value();
-}
+inline wire::ServerMessage decoded(const std::string& message) { return wire::decodeServer(bytesOf(message)).value(); }
 
 }  // namespace ridgecast::testing_support

@@ -2,7 +2,6 @@
 
 #include <chrono>
 #include <iterator>
-#include <type_traits>
 #include <utility>
 #include <variant>
 
@@ -46,8 +45,6 @@ std::optional<std::string> Conversation::next(Instant now) {
   }
   return wire::encode(*message);
 }
-
-std::optional<Conversation::Instant> Conversation::due() const { return asksClock_; }
 
 void Conversation::end(const Error& why) {
   outbox_.queries.fail(why);

@@ -43,7 +43,7 @@ class Conversation {
   // The most urgent frame, when the one before has left; nothing when none may leave now.
   std::optional<std::string> next(Instant now);
   // When next() has a frame although nothing was said or heard.
-  std::optional<Instant> due() const;
+  std::optional<Instant> due() const { return asksClock_; }
   void end(const Error& why);  // to all requests that have no answer
 
   // ---- what is said: a sentence ends the conversation; nothing happens before the world is there ----

@@ -3,10 +3,12 @@
 #include <gtest/gtest.h>
 
 #include "common/wire/wire.h"
-#include "tests/unit/common/wire/bytes.h"
+#include "tests/support/bytes.h"
 
 namespace ridgecast::wire {
 namespace {
+
+using testing_support::bytesOf;
 
 using testing::HasSubstr;
 

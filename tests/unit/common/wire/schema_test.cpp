@@ -6,12 +6,14 @@
 
 #include "common/wire/tables.h"
 #include "common/wire/wire.h"
+#include "tests/support/bytes.h"
 #include "tests/support/sanitized.h"
-#include "tests/unit/common/wire/bytes.h"
 #include "tests/unit/common/wire/random_message.h"
 
 namespace ridgecast::wire {
 namespace {
+
+using testing_support::bytesOf;
 
 using google::protobuf::Descriptor;
 using google::protobuf::FieldDescriptor;
@@ -94,8 +96,6 @@ void normalise(google::protobuf::Message& message) {
   }
 }
 
-std::string bytesOfMessage(const google::protobuf::Message& message) { return message.SerializeAsString(); }
-
 // Whether it is answered by its version alone, or by a query's own refusal.
 bool isReadInPart(const ClientMessage& m) {
   if (const auto* hello = std::get_if<Hello>(&m)) return hello->protocolVersion != kProtocolVersion;
@@ -149,11 +149,11 @@ int judge(RandomMessage& random, int count, int damaged, auto decode) {
   for (int k = 0; k < count; ++k) {
     P message;
     random.fill(message);
-    std::string bytes = bytesOfMessage(message);
+    std::string bytes = message.SerializeAsString();
     if (random.wild()) {  // in two parts
       P more;
       random.fill(more);
-      bytes += bytesOfMessage(more);
+      bytes += more.SerializeAsString();
     }
     for (; !bytes.empty() && random.number() % 100 < static_cast<std::uint64_t>(damaged);) {
       const std::size_t at = random.number() % bytes.size();
@@ -180,11 +180,11 @@ int judge(RandomMessage& random, int count, int damaged, auto decode) {
       EXPECT_TRUE(parses || holdsReplacedKind<P>(bytes));
       if (!parses) continue;
       normalise(parsed);
-      EXPECT_EQ(encode(*decoded), bytesOfMessage(parsed)) << parsed.ShortDebugString();
+      EXPECT_EQ(encode(*decoded), parsed.SerializeAsString()) << parsed.ShortDebugString();
     } else if (decoded.error().message == kMalformed) {
       EXPECT_TRUE(!parses || holdsGroup(parsed) || parsed.kind_case() == P::KIND_NOT_SET) << parsed.ShortDebugString();
     } else if (parses) {
-      const auto again = decode(bytesOf(bytesOfMessage(parsed)));  // whatever the order of the fields
+      const auto again = decode(bytesOf(parsed.SerializeAsString()));  // whatever the order of the fields
       EXPECT_EQ(again ? "accepted" : again.error().message, decoded.error().message) << parsed.ShortDebugString();
     }
     if (testing::Test::HasFailure()) break;

@@ -7,10 +7,12 @@
 
 #include "common/wire/wire.h"
 #include "ridgecast/v1/stream.pb.h"
-#include "tests/unit/common/wire/bytes.h"
+#include "tests/support/bytes.h"
 
 namespace ridgecast::wire {
 namespace {
+
+using testing_support::bytesOf;
 
 namespace pb = ridgecast::v1;
 

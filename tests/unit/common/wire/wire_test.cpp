@@ -7,10 +7,12 @@
 #include <random>
 
 #include "ridgecast/v1/stream.pb.h"
-#include "tests/unit/common/wire/bytes.h"
+#include "tests/support/bytes.h"
 
 namespace ridgecast::wire {
 namespace {
+
+using testing_support::bytesOf;
 
 namespace pb = ridgecast::v1;
 using Random = std::mt19937_64;

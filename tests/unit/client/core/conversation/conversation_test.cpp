@@ -9,14 +9,14 @@
 #include <vector>
 
 #include "common/wire/wire.h"
-#include "tests/unit/common/wire/bytes.h"
+#include "tests/support/bytes.h"
 
 namespace ridgecast::core {
 namespace {
 
 using namespace std::chrono_literals;
 using Instant = Conversation::Instant;
-using wire::bytesOf;
+using testing_support::bytesOf;
 
 constexpr Instant kBegin{1h};
 
