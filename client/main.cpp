@@ -108,7 +108,7 @@ Outcome<void> parseSize(const std::string& text, Size& out) {
 
 template <class Options>
 Outcome<void> share(const Shared& shared, Options& options) {
-  auto url = connection::parseUrl(shared.url);
+  auto url = core::parseUrl(shared.url);
   if (!url) return url.error();
   url->ca = shared.ca;
   if (!shared.tokenFile.empty()) {

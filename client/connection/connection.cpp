@@ -2,71 +2,150 @@
 
 #include <condition_variable>
 #include <mutex>
+#include <random>
+#include <thread>
+#include <type_traits>
 #include <utility>
 
-#include "client/connection/dial.h"
 #include "client/connection/websocket.h"
 
 namespace ridgecast::connection {
 
 using std::chrono::milliseconds;
 using Clock = std::chrono::steady_clock;
+using core::Conversation, core::Reconnector;
 
-// Everything below `mutex_` is for both threads, the rest for the WebSocket's alone.
+namespace {
+constexpr std::chrono::seconds kTimeout{5};  // of each line but the first
+}  // namespace
+
+// Everything below `mutex_` is for both threads, the rest for the network's alone.
 struct Connection::Impl final : WebSocket::Listener {
-  Impl(const Url& url, wire::Hello hello, milliseconds timeout, const Waiting& waiting)
-      : conversation_(std::move(hello), "the server at " + whereOf(url)), socket_(url, timeout, waiting, *this) {}
+  Impl(const core::Url& url, const wire::Hello& hello, const Options& options, Resume resume)
+      : options_(options), resume_(std::move(resume)), reconnector_(url, hello, options.reconnects, std::random_device{}()) {}
+
+  ~Impl() {
+    {
+      const std::lock_guard lock(mutex_);
+      leaves_ = true;
+      reconnector_.conversation().end({"the connection was closed"});
+      if (socket_) socket_->part();
+    }
+    changed_.notify_all();
+    if (thread_.joinable()) thread_.join();
+  }
 
   // ---- owner's thread ----
 
-  std::optional<Error> waitForWorld(const std::stop_token& stop) {
-    socket_.start();
-    const std::stop_callback stopped(stop, [this] { socket_.post([this] { socket_.giveUp(); }); });
+  std::optional<Error> waitForWorld() {
+    thread_ = std::thread([this] { run(); });
+    const std::stop_callback stopped(options_.waiting.stop, [this] {
+      const std::lock_guard lock(mutex_);
+      givesUp_ = !hasWorld();
+      if (givesUp_ && socket_) socket_->giveUp();
+    });
     std::unique_lock lock(mutex_);
-    changed_.wait(lock, [&] { return conversation_.hasWorld() || error_; });
-    return conversation_.hasWorld() ? std::nullopt : error_;
+    changed_.wait(lock, [&] { return hasWorld() || reconnector_.lost(); });
+    return hasWorld() ? std::nullopt : reconnector_.lost();
   }
 
-  // Where there still is somebody to say it to; what is wrong with it ends the connection.
+  // Where there is somebody to say it to; what is wrong with it ends the line.
   template <class Say>
   void say(const Say& what) {
-    {
-      const std::lock_guard lock(mutex_);
-      if (error_) return;
-      if (const core::Wrong wrong = what(conversation_)) {
-        socket_.post([this, why = *wrong] { socket_.end(why); });
-        return;
-      }
+    const std::lock_guard lock(mutex_);
+    if (reconnector_.lost() && isOfConversation<Say>) return;
+    if (const core::Wrong wrong = to(what)) {
+      if (socket_) socket_->post([this, why = *wrong] { socket_->end(why); });
+    } else {
+      wake();
     }
-    socket_.post([this] { write(); });
   }
 
   template <class Reply, class Request>
   std::future<Outcome<Reply>> ask(Request request) {
     const auto promise = std::make_shared<std::promise<Outcome<Reply>>>();
-    {
-      const std::lock_guard lock(mutex_);
-      if (error_)
-        promise->set_value(*error_);
-      else
-        conversation_.ask(std::move(request), [promise](Outcome<Reply> reply) { promise->set_value(std::move(reply)); });
-    }
-    socket_.post([this] { write(); });
+    const std::lock_guard lock(mutex_);
+    reconnector_.conversation().ask(std::move(request), [promise](Outcome<Reply> reply) { promise->set_value(std::move(reply)); });
+    wake();
     return promise->get_future();
+  }
+
+  std::optional<core::Received> receive(milliseconds timeout) {
+    const auto until = Clock::now() + timeout;
+    std::unique_lock lock(mutex_);
+    const auto hasNews = [&] {
+      if (reconnector_.lost() && !std::exchange(comesBack_, true)) changed_.notify_all();
+      const bool isOver = reconnector_.lost() && !reconnector_.comesBack();
+      return reconnector_.conversation().hasIterations() || reconnector_.hasReturned() || isOver;
+    };
+    while (changed_.wait_until(lock, until, hasNews) && reconnector_.hasReturned()) {
+      reconnector_.goOn(resume_ ? resume_() : std::vector<wire::Resume>());
+      wake();
+    }
+    return reconnector_.conversation().receive();
   }
 
   // What has been heard, looked at or taken.
   template <class Look>
   auto look(const Look& at) {
     const std::lock_guard lock(mutex_);
-    return at(conversation_);
+    return to(at);
   }
 
-  // ---- the WebSocket's thread ----
+  // ---- with the lock ----
+
+  // Of the two, what it takes.
+  template <class What>
+  static constexpr bool isOfConversation = std::is_invocable_v<const What&, Conversation&>;
+  template <class What>
+  auto to(const What& what) {
+    if constexpr (isOfConversation<What>)
+      return what(reconnector_.conversation());
+    else
+      return what(reconnector_);
+  }
+
+  bool hasWorld() const { return reconnector_.conversation().hasWorld(); }
+  void wake() {
+    if (socket_) socket_->post([this] { write(); });
+  }
+
+  // ---- the network's thread ----
+
+  void run() {
+    for (bool isFirst = true; const auto url = dial(); isFirst = false) {
+      WebSocket socket(*url, isFirst ? options_.timeout : kTimeout, isFirst ? options_.waiting : Waiting(), *this);
+      if (!hold(&socket)) return;
+      socket.run();
+      hold(nullptr);
+    }
+  }
+
+  // Waits until a line must be opened; nothing: the owner leaves.
+  std::optional<core::Url> dial() {
+    std::unique_lock lock(mutex_);
+    for (;;) {
+      if (leaves_) return std::nullopt;
+      if (comesBack_)
+        if (auto url = reconnector_.dial(Clock::now())) return url;
+      if (const auto due = comesBack_ ? reconnector_.due() : std::nullopt)
+        changed_.wait_until(lock, *due);
+      else
+        changed_.wait(lock);
+    }
+  }
+
+  bool hold(WebSocket* socket) {
+    const std::lock_guard lock(mutex_);
+    socket_ = socket;
+    writing_ = false;
+    if (socket && givesUp_) socket->giveUp();
+    return !leaves_;
+  }
 
   void opened() override {
     writing_ = true;
-    socket_.send(conversation_.hello());
+    socket_->send(reconnector_.opened());
   }
 
   void received(std::span<const std::uint8_t> frame) override {
@@ -74,12 +153,12 @@ struct Connection::Impl final : WebSocket::Listener {
     bool greeted = false;
     {
       const std::lock_guard lock(mutex_);
-      greeted = !conversation_.hasWorld();
-      wrong = conversation_.heard(frame, Clock::now());
-      greeted = greeted && conversation_.hasWorld();
+      greeted = !reconnector_.isGreeted();
+      wrong = reconnector_.heard(frame, Clock::now());
+      greeted = greeted && reconnector_.isGreeted();
     }
-    if (wrong) return socket_.end(*wrong);
-    if (greeted) socket_.greeted();
+    if (wrong) return socket_->end(*wrong);
+    if (greeted) socket_->greeted();
     changed_.notify_all();
     write();
   }
@@ -91,15 +170,14 @@ struct Connection::Impl final : WebSocket::Listener {
     std::optional<Clock::time_point> due;
     {
       const std::lock_guard lock(mutex_);
-      if (error_) return;
-      frame = conversation_.next(Clock::now());
-      due = conversation_.due();
+      frame = reconnector_.next(Clock::now());
+      due = reconnector_.due();
     }
     writing_ = frame.has_value();
     if (frame)
-      socket_.send(std::move(*frame));
+      socket_->send(std::move(*frame));
     else if (due)
-      socket_.after(std::chrono::ceil<milliseconds>(*due - Clock::now()), [this] { write(); });
+      socket_->after(std::chrono::ceil<milliseconds>(*due - Clock::now()), [this] { write(); });
   }
 
   void sent() override {
@@ -109,42 +187,37 @@ struct Connection::Impl final : WebSocket::Listener {
 
   void ended(std::string why) override {
     const std::lock_guard lock(mutex_);
-    error_ = Error{std::move(why)};
-    conversation_.end(*error_);
+    reconnector_.ended({std::move(why)}, Clock::now());
+    comesBack_ = false;
     changed_.notify_all();
   }
 
+  const Options options_;
+  const Resume resume_;
   bool writing_ = false;
 
   std::mutex mutex_;
   std::condition_variable changed_;
-  std::optional<Error> error_;
-  core::Conversation conversation_;
+  Reconnector reconnector_;
+  WebSocket* socket_ = nullptr;
+  bool leaves_ = false, givesUp_ = false;
+  bool comesBack_ = true;  // the owner has called receive() since the line ended
 
-  WebSocket socket_;  // last: its thread ends first
+  std::thread thread_;
 };
 
-Outcome<std::unique_ptr<Connection>> Connection::open(const Url& url, const wire::Hello& hello, milliseconds timeout,
-                                                      const Waiting& waiting) {
-  std::unique_ptr<Connection> connection(new Connection(std::make_unique<Impl>(url, hello, timeout, waiting)));
-  if (std::optional<Error> error = connection->impl_->waitForWorld(waiting.stop)) return *error;
+Outcome<std::unique_ptr<Connection>> Connection::open(const core::Url& url, const wire::Hello& hello, const Options& options,
+                                                      Resume resume) {
+  std::unique_ptr<Connection> connection(new Connection(std::make_unique<Impl>(url, hello, options, std::move(resume))));
+  if (std::optional<Error> error = connection->impl_->waitForWorld()) return *error;
   return connection;
 }
 
 Connection::Connection(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
-
-Connection::~Connection() {
-  const std::lock_guard lock(impl_->mutex_);
-  impl_->conversation_.end({"the connection was closed"});
-}
-
-const wire::World& Connection::world() const { return impl_->conversation_.world(); }
-bool Connection::followsEdits() const { return impl_->conversation_.followsEdits(); }
-
-using core::Conversation;
+Connection::~Connection() = default;
 
 void Connection::send(const wire::PoseMessage& pose) {
-  impl_->say([&](Conversation& c) { return c.send(pose); });
+  impl_->say([&](Reconnector& r) { return r.send(pose); });
 }
 void Connection::acknowledge(const wire::Acknowledge& acknowledge) {
   impl_->say([&](Conversation& c) { return c.acknowledge(acknowledge); });
@@ -156,7 +229,7 @@ void Connection::resend(const wire::ResendLeaves& resend) {
   impl_->say([&](Conversation& c) { return c.resend(resend); });
 }
 void Connection::change(const wire::Settings& settings) {
-  impl_->say([&](Conversation& c) { return c.change(settings); });
+  impl_->say([&](Reconnector& r) { return r.change(settings); });
 }
 void Connection::want(const wire::WantTiles& wanted) {
   impl_->say([&](Conversation& c) { return c.want(wanted); });
@@ -177,7 +250,7 @@ void Connection::stepDone(const wire::StepDone& done) {
   impl_->say([&](Conversation& c) { return c.stepDone(done); });
 }
 void Connection::skipSteps(bool skips) {
-  impl_->say([&](Conversation& c) { return c.skipSteps(skips); });
+  impl_->say([&](Reconnector& r) { return r.skipSteps(skips); });
 }
 void Connection::passOver(std::uint64_t camera) {
   impl_->say([&](Conversation& c) { return c.passOver(camera); });
@@ -187,18 +260,21 @@ std::future<Outcome<wire::Answer>> Connection::ask(wire::Query query) { return i
 std::future<Outcome<wire::Ground>> Connection::askGround(const wire::AskGround& ask) { return impl_->ask<wire::Ground>(ask); }
 std::future<Outcome<wire::EditAnswer>> Connection::edit(wire::Edit edit) { return impl_->ask<wire::EditAnswer>(std::move(edit)); }
 
-std::optional<core::Received> Connection::receive(milliseconds timeout) {
-  std::unique_lock lock(impl_->mutex_);
-  impl_->changed_.wait_for(lock, timeout, [&] { return impl_->conversation_.hasIterations() || impl_->error_; });
-  return impl_->conversation_.receive();
-}
+std::optional<core::Received> Connection::receive(milliseconds timeout) { return impl_->receive(timeout); }
 
 bool Connection::waitForClock(std::uint64_t seen, milliseconds timeout) const {
   std::unique_lock lock(impl_->mutex_);
-  const auto newer = [&] { return impl_->conversation_.clock().version() > seen; };
-  impl_->changed_.wait_for(lock, timeout, [&] { return newer() || impl_->error_; });
+  const auto newer = [&] { return impl_->reconnector_.conversation().clock().version() > seen; };
+  impl_->changed_.wait_for(lock, timeout, [&] { return newer() || impl_->reconnector_.lost(); });
   return newer();
 }
+
+void Connection::applied() {
+  impl_->look([](Reconnector& r) { r.applied(); });
+}
+
+const wire::World& Connection::world() const { return impl_->reconnector_.conversation().world(); }
+bool Connection::followsEdits() const { return impl_->reconnector_.conversation().followsEdits(); }
 
 std::optional<core::Roster> Connection::others(std::uint64_t seen) const {
   return impl_->look([&](const Conversation& c) { return c.roster().version() == seen ? std::nullopt : std::optional(c.roster()); });
@@ -219,14 +295,23 @@ core::SessionClock Connection::clock() const {
 wire::Settings Connection::granted() const {
   return impl_->look([](const Conversation& c) { return c.granted(); });
 }
+std::optional<Error> Connection::error() const {
+  return impl_->look([](const Reconnector& r) { return r.lost(); });
+}
 std::optional<std::string> Connection::sentTo() const {
   return impl_->look([](const Conversation& c) { return c.sentTo(); });
 }
-std::uint64_t Connection::bytesReceived() const {
-  return impl_->look([](const Conversation& c) { return c.bytes(); });
+bool Connection::otherWorld() const {
+  return impl_->look([](const Reconnector& r) { return r.otherWorld(); });
 }
-std::optional<Error> Connection::error() const {
-  return impl_->look([this](const Conversation&) { return impl_->error_; });
+bool Connection::comesBack() const {
+  return impl_->look([](const Reconnector& r) { return r.comesBack(); });
+}
+std::uint64_t Connection::reconnections() const {
+  return impl_->look([](const Reconnector& r) { return r.reconnections(); });
+}
+std::uint64_t Connection::bytesReceived() const {
+  return impl_->look([](const Reconnector& r) { return r.bytes(); });
 }
 
 }  // namespace ridgecast::connection

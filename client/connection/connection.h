@@ -1,6 +1,7 @@
 #pragma once
-// A connection to a server's stream: a conversation (core::Conversation) over a WebSocket, which runs on one thread of its own; the owner's
-// thread sends and receives.
+// A connection to a server's stream that comes back when it ends: conversations (core::Reconnector) over a WebSocket, which runs on one
+// thread of its own; the owner's thread sends and receives. Until receive() goes on with the next conversation, the one that ended stays: it
+// sends nothing, and its requests fail.
 
 #include <chrono>
 #include <cstddef>
@@ -14,27 +15,11 @@
 #include <string_view>
 #include <vector>
 
-#include "client/core/conversation/conversation.h"
+#include "client/core/conversation/reconnector.h"
 #include "common/outcome/outcome.h"
 #include "common/wire/messages.h"
 
 namespace ridgecast::connection {
-
-struct Url {
-  std::string host = "127.0.0.1";
-  std::string port = "7070";
-  std::string session = "default";
-  // The session's world, "terrain=NAME&seed=N&param=NAME=NUMBER&clock=stepped" or parts of it. If there is no such session and a terrain is
-  // named, the server makes it; an existing session must have that world.
-  std::string world = {};
-  bool secure = false;     // speak TLS
-  std::string ca = {};     // file of authorities to trust (PEM); empty: those of this system
-  std::string token = {};  // shown to the server; empty: none
-};
-// host, host:port, [ipv6]:port, http:// or ws:// before it, optional path (ignored) and
-// ?session=NAME&terrain=NAME&seed=N&param=NAME=NUMBER&clock=stepped (other parameters are ignored).
-// Without a port: 7070, 80 behind http:// or ws://, 443 behind https:// or wss://, which speak TLS. Empty text: the defaults.
-Outcome<Url> parseUrl(std::string_view text);
 
 // How to wait for the answer to the upgrade if the URL names a terrain: the server may have to compile it first, which takes seconds, and a
 // minute on a slow machine.
@@ -45,26 +30,34 @@ struct Waiting {
   std::stop_token stop = {};                  // gives up, at any time before the world is there: an error
 };
 
+struct Options {
+  bool reconnects = true;                     // false: the first loss is the end
+  std::chrono::milliseconds timeout{10'000};  // of the first line, which must succeed
+  Waiting waiting = {};                       // for the first line
+};
+
 class Connection {
  public:
-  // Connects, says hello, and returns when the world has arrived. Errors: nobody listens there, no answer within `timeout` (of a server
+  // Called in receive() when the server is there again: which leaves are held. Must not call the connection.
+  using Resume = std::function<std::vector<wire::Resume>()>;
+
+  // Connects, says hello, and returns when the world has arrived. Errors: nobody listens there, no answer within the timeout (of a server
   // that may have to make the world, see Waiting), not a Ridgecast server, refused by the server (its own message). Each says what to try.
   // Looking up a host's name may take as long as the system's resolver does.
-  static Outcome<std::unique_ptr<Connection>> open(const Url& url, const wire::Hello& hello,
-                                                   std::chrono::milliseconds timeout = std::chrono::seconds(10),
-                                                   const Waiting& waiting = {});
+  static Outcome<std::unique_ptr<Connection>> open(const core::Url& url, const wire::Hello& hello, const Options& options = {},
+                                                   Resume resume = {});
   ~Connection();  // closes politely, waits at most 200 ms for it
   Connection(const Connection&) = delete;
   Connection& operator=(const Connection&) = delete;
 
-  const wire::World& world() const;
+  const wire::World& world() const;  // good until receive() is called
 
-  // Never block, and do nothing once the connection has ended. A waiting pose is replaced by a newer one (free pacing) or queued
+  // Never block, and do nothing while the connection is lost. Later conversations begin with the newest pose. A waiting pose is replaced by a newer one (free pacing) or queued
   // (lock-step, at most core::kMaxPoses: one more ends the connection with an error). A waiting acknowledgement is replaced by a newer one.
   // Leaves to be sent again are collected, at most what one message holds; more request all.
   void send(const wire::PoseMessage& pose);
   void acknowledge(const wire::Acknowledge& acknowledge);
-  // Before the first pose: leaves that are still held (parts of at most wire::kMaxResumeLeaves).
+  // Before the first pose: leaves that are held (parts of at most wire::kMaxResumeLeaves).
   void resume(const wire::Resume& resume);
   void resend(const wire::ResendLeaves& resend);
 
@@ -79,9 +72,9 @@ class Connection {
   void find(const wire::FindEdits& find);
   core::EditsFound takeEditsFound();
 
-  // The next iteration, in order; nothing when none arrived within `timeout` (0: do not wait) or when the connection has ended and
+  // The next iteration, in order; nothing when none arrived within `timeout` (0: do not wait) or when the connection has ended for good and
   // all that came before is taken: then error() says why. The queue holds at most the world's window of iterations and 256 MiB; a
-  // server that sends more is disconnected.
+  // server that sends more is disconnected. A lost connection comes back only while this is called.
   std::optional<core::Received> receive(std::chrono::milliseconds timeout);
   // With hello.members: the other members, as last heard. `version` grows with everything that is heard; while it is `seen`, nothing is
   // copied and nothing returned.
@@ -118,9 +111,14 @@ class Connection {
   void change(const wire::Settings& settings);
   wire::Settings granted() const;  // what the server makes iterations by, as last heard
 
-  std::optional<Error> error() const;  // set when the connection has ended
-  // Set when it ended because the server leaves: where to connect again; empty: at the same place.
+  void applied();  // an iteration was, without an error: the next loss is a new one
+
+  std::optional<Error> error() const;  // why there is no connection at the moment
+  // Where a server that left has sent us; empty: to the same place.
   std::optional<std::string> sentTo() const;
+  bool otherWorld() const;  // core::Reconnector::otherWorld()
+  bool comesBack() const;   // where it is lost, another attempt is made
+  std::uint64_t reconnections() const;
   std::uint64_t bytesReceived() const;
 
  private:

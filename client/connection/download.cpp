@@ -79,7 +79,7 @@ class Download {
   // Takes the body's bytes; what is wrong with that, if anything.
   using Take = std::function<std::optional<std::string>(std::string_view)>;
 
-  Download(const Url& url, std::chrono::milliseconds timeout, Take take, const std::function<void(const Progress&)>& tell,
+  Download(const core::Url& url, std::chrono::milliseconds timeout, Take take, const std::function<void(const Progress&)>& tell,
            std::stop_token stop)
       : url_(url), timeout_(timeout), take_(std::move(take)), tell_(tell), stop_(std::move(stop)) {}
 
@@ -180,8 +180,8 @@ class Download {
     ended_ = true;
   }
 
-  const Url& url_;
-  const std::string where_ = whereOf(url_);
+  const core::Url& url_;
+  const std::string where_ = url_.where();
   const std::chrono::milliseconds timeout_;
   const Take take_;
   const std::function<void(const Progress&)>& tell_;
@@ -231,7 +231,7 @@ class WholeFile {
 
 }  // namespace
 
-Outcome<std::uint64_t> download(const Url& url, const std::string& target, const std::filesystem::path& file,
+Outcome<std::uint64_t> download(const core::Url& url, const std::string& target, const std::filesystem::path& file,
                                 std::chrono::milliseconds timeout, const std::function<void(const Progress&)>& tell) {
   WholeFile out(file);
   if (!out.good()) return Error{out.problem()};
@@ -244,7 +244,7 @@ Outcome<std::uint64_t> download(const Url& url, const std::string& target, const
   return bytes;
 }
 
-Outcome<std::string> fetch(const Url& url, const std::string& target, std::size_t most, std::chrono::milliseconds timeout,
+Outcome<std::string> fetch(const core::Url& url, const std::string& target, std::size_t most, std::chrono::milliseconds timeout,
                            std::stop_token stop) {
   std::string text;
   const auto take = [&](std::string_view bytes) -> std::optional<std::string> {
@@ -257,7 +257,7 @@ Outcome<std::string> fetch(const Url& url, const std::string& target, std::size_
   return Outcome<std::string>(boost::system::in_place_value, std::move(text));
 }
 
-Outcome<HttpAnswer> request(const Url& url, const std::string& method, const std::string& target, std::chrono::milliseconds timeout,
+Outcome<HttpAnswer> request(const core::Url& url, const std::string& method, const std::string& target, std::chrono::milliseconds timeout,
                             std::stop_token stop) {
   std::string text;
   const auto take = [&](std::string_view bytes) -> std::optional<std::string> {

@@ -9,7 +9,7 @@
 #include <stop_token>
 #include <string>
 
-#include "client/connection/connection.h"
+#include "client/core/conversation/url.h"
 #include "common/outcome/outcome.h"
 
 namespace ridgecast::connection {
@@ -24,7 +24,7 @@ struct Progress {
 // and at the end. Returns the number of bytes.
 // Errors: as Connection::open; the server's own sentence when it refuses; no answer within `timeout`, or `timeout` without a byte while
 // one comes; the file cannot be written.
-Outcome<std::uint64_t> download(const Url& url, const std::string& target, const std::filesystem::path& file,
+Outcome<std::uint64_t> download(const core::Url& url, const std::string& target, const std::filesystem::path& file,
                                 std::chrono::milliseconds timeout, const std::function<void(const Progress&)>& tell);
 
 // The answer to a request without a body, whatever its status.
@@ -33,11 +33,11 @@ struct HttpAnswer {
   std::string text;  // its first 4 KiB, fit for a terminal
 };
 // Blocks. `target`: as download()'s. Errors: as download()'s, but for the server's refusals; given up because `stop` asks for it.
-Outcome<HttpAnswer> request(const Url& url, const std::string& method, const std::string& target, std::chrono::milliseconds timeout,
+Outcome<HttpAnswer> request(const core::Url& url, const std::string& method, const std::string& target, std::chrono::milliseconds timeout,
                             std::stop_token stop = {});
 
 // As download() into memory, of at most `most` bytes; also gives up when `stop` asks it to.
-Outcome<std::string> fetch(const Url& url, const std::string& target, std::size_t most, std::chrono::milliseconds timeout,
+Outcome<std::string> fetch(const core::Url& url, const std::string& target, std::size_t most, std::chrono::milliseconds timeout,
                            std::stop_token stop = {});
 
 }  // namespace ridgecast::connection

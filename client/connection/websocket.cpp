@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <optional>
 #include <string_view>
-#include <thread>
 #include <utility>
 
 #include <boost/asio/io_context.hpp>
@@ -35,13 +34,13 @@ constexpr std::size_t kRoomyFrame = std::size_t{4} << 20;
 
 }  // namespace
 
-// Handlers hold a plain `this`: the destructor joins the thread first, and none of them runs after it.
+// Handlers hold a plain `this`: none of them runs outside run().
 struct WebSocket::Impl {
   enum class State { kDialing, kUpgrading, kGreeting, kStreaming, kEnded };
 
-  Impl(const Url& url, milliseconds timeout, const Waiting& waiting, Listener& listener)
+  Impl(const core::Url& url, milliseconds timeout, const Waiting& waiting, Listener& listener)
       : url_(url),
-        where_(whereOf(url)),
+        where_(url.where()),
         timeout_(timeout),
         waiting_(waiting),
         unheard_(url.world.find("terrain=") != std::string::npos ? std::max(timeout, waiting.unheard) : timeout),
@@ -173,7 +172,7 @@ struct WebSocket::Impl {
     resolver_.cancel();
     error_code ignored;
     channel().socket().close(ignored);
-    context_.stop();  // or Beast's own timers would keep the thread until they expire
+    context_.stop();  // or Beast's own timers would keep run() until they expire
   }
 
   // The owner leaves.
@@ -187,14 +186,13 @@ struct WebSocket::Impl {
     socket_.async_close(websocket::close_code::normal, [this](error_code) { hangUp(); });
   }
 
-  const Url url_;
+  const core::Url url_;
   const std::string where_;
   const milliseconds timeout_;
   const Waiting waiting_;
   const milliseconds unheard_;  // for the answer to the upgrade
   Listener& listener_;
   net::io_context context_{1};
-  std::thread thread_;
   State state_ = State::kDialing;
   tcp::resolver resolver_{context_};
   websocket::stream<transport::Channel, false> socket_{tcp::socket(context_)};
@@ -206,17 +204,14 @@ struct WebSocket::Impl {
   bool heard_ = false;  // that the server prepares the world
 };
 
-WebSocket::WebSocket(const Url& url, milliseconds timeout, const Waiting& waiting, Listener& listener)
+WebSocket::WebSocket(const core::Url& url, milliseconds timeout, const Waiting& waiting, Listener& listener)
     : impl_(std::make_unique<Impl>(url, timeout, waiting, listener)) {}
 
-WebSocket::~WebSocket() {
-  post([this] { impl_->part(); });
-  impl_->thread_.join();
-}
+WebSocket::~WebSocket() = default;
 
-void WebSocket::start() {
+void WebSocket::run() {
   post([this] { impl_->begin(); });
-  impl_->thread_ = std::thread([this] { impl_->context_.run(); });
+  impl_->context_.run();
 }
 
 void WebSocket::post(std::function<void()> work) { net::post(impl_->context_, std::move(work)); }
@@ -237,9 +232,13 @@ void WebSocket::after(milliseconds pause, std::function<void()> work) {
 void WebSocket::end(std::string why) { impl_->end(std::move(why)); }
 
 void WebSocket::giveUp() {
-  if (impl_->state_ != Impl::State::kStreaming) end("gave up waiting for the server at " + where());
+  post([this] {
+    if (impl_->state_ != Impl::State::kStreaming) end("gave up waiting for the server at " + impl_->where_);
+  });
 }
 
-const std::string& WebSocket::where() const { return impl_->where_; }
+void WebSocket::part() {
+  post([this] { impl_->part(); });
+}
 
 }  // namespace ridgecast::connection

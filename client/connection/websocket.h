@@ -5,7 +5,7 @@
 //   dialing -> upgrading -> greeting -> streaming -> ended
 // Every state may go to ended.
 //
-// It has one thread. Everything is called on it, the listener too, but for the constructor, start(), post() and the destructor.
+// Its thread is that of run(). Everything is called on it, the listener too, but for what says so.
 
 #include <chrono>
 #include <cstdint>
@@ -31,19 +31,21 @@ class WebSocket {
   };
 
   // `timeout`: of each step on the way to greeted(). `listener` must outlive this.
-  WebSocket(const Url& url, std::chrono::milliseconds timeout, const Waiting& waiting, Listener& listener);
-  ~WebSocket();  // says goodbye where there is somebody to say it to, for at most 200 ms
+  WebSocket(const core::Url& url, std::chrono::milliseconds timeout, const Waiting& waiting, Listener& listener);
+  ~WebSocket();
   WebSocket(const WebSocket&) = delete;
   WebSocket& operator=(const WebSocket&) = delete;
 
-  void start();
+  void run();  // from the beginning to the end; once
+  // Any thread.
   void post(std::function<void()> work);
+  void giveUp();  // ends it where it is not greeted
+  void part();    // ends run(), without ended(): says goodbye where there is somebody to say it to, for at most 200 ms
+
   void send(std::string frame);
   void greeted();                                                           // the server's first frame was the right one
   void after(std::chrono::milliseconds pause, std::function<void()> work);  // replaces what was to come before
   void end(std::string why);
-  void giveUp();                     // ends it where it is not greeted
-  const std::string& where() const;  // HOST:PORT
 
  private:
   struct Impl;

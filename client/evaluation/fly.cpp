@@ -124,7 +124,7 @@ class Measurer final : flight::Observer {
       if (exchanged && window_) exchanged = client_.exchangeTiles(*window_);
       if (!exchanged) return exchanged.error();
       if (edits_.complete() && (!window_ || window_->complete())) break;
-      const auto lost = client_.connection()->error();
+      const auto lost = client_.connection().error();
       if (lost && options_.realtime) break;  // it comes back
       if (lost) return *lost;
       if (*exchanged) continue;

@@ -18,7 +18,7 @@
 namespace ridgecast::evaluation {
 
 struct FlyOptions : flight::Options {
-  connection::Url url;
+  core::Url url;
   std::filesystem::path path;  // a path file, see common/camera/path.h
   std::filesystem::path out;   // a folder, made when missing
   wire::Settings settings;

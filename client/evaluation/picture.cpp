@@ -67,7 +67,7 @@ int picture(const PictureOptions& options) {
     auto started = OwnServer::start(options.server, options.arguments, scratch.path());
     if (!started) return fail(kBadInput, started.error());
     own = std::move(*started);
-    flight.url = connection::parseUrl("ws://127.0.0.1:" + std::to_string(own->port())).value();
+    flight.url = core::parseUrl("ws://127.0.0.1:" + std::to_string(own->port())).value();
   }
   flight.out = scratch.path();
   flight.settings = options.settings;

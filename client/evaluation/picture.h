@@ -15,7 +15,7 @@ namespace ridgecast::evaluation {
 enum class Drawn { kCorrected, kMesh, kMarch };  // the mesh moved onto the true surface (render/correction_pass.h), as it is, the ray march
 
 struct PictureOptions {
-  connection::Url url;
+  core::Url url;
   // Of a terrain of one's own, with a server of its own: that program and its arguments; empty: the URL's.
   std::filesystem::path server;
   std::vector<std::string> arguments;

@@ -79,9 +79,9 @@ struct Ground::Heard {
   Heard(const wire::World& world, bool keeps) : keepsOperations(keeps), last(world.compacted), hash(world.contentHash) {
     if (last > 0) add(world.session + " " + std::to_string(last));  // these edits are not told
   }
-  void listen(const TakeEdits& take) {
+  void listen(connection::Connection& to) {
     const std::lock_guard lock(mutex);
-    for (wire::MadeEdit& made : take()) {
+    for (wire::MadeEdit& made : to.takeEdits()) {
       if (made.number <= last) continue;  // of an earlier connection
       last = made.number;
       recent.push_back({last, made.ground});
@@ -140,7 +140,7 @@ void Ground::know(std::uint64_t edit) {
 
 News Ground::since(std::uint64_t edit) const {
   if (!heard_) return {};
-  heard_->listen(takeEdits_);
+  heard_->listen(*connection_);
   const std::lock_guard lock(heard_->mutex);
   const auto& recent = heard_->recent;
   News news{heard_->last, heard_->awaited, {}};
@@ -151,8 +151,10 @@ News Ground::since(std::uint64_t edit) const {
   return news;
 }
 
-Ground::Ground(const wire::World& world, bool followsEdits, Ask ask, TakeEdits takeEdits, std::chrono::milliseconds timeout)
-    : ask_(std::move(ask)), timeout_(timeout), takeEdits_(std::move(takeEdits)), contentHash_(world.contentHash) {
+Ground::Ground(connection::Connection& connection, std::chrono::milliseconds timeout)
+    : connection_(&connection), timeout_(timeout), contentHash_(connection.world().contentHash) {
+  const wire::World& world = connection.world();
+  const bool followsEdits = connection.followsEdits();
   if (followsEdits && world.edit <= kMostFollowed && world.compacted == 0) local_ = builtInOf(world);
   if (local_) edited_ = std::make_shared<Edited>(local_);
   if (followsEdits) heard_ = std::make_shared<Heard>(world, local_ != nullptr);
@@ -162,7 +164,7 @@ Ground::Ground(const wire::World& world, bool followsEdits, Ask ask, TakeEdits t
 Outcome<void> Ground::hear() const {
   if (!heard_) return {};
   for (const auto until = std::chrono::steady_clock::now() + timeout_;;) {
-    heard_->listen(takeEdits_);
+    heard_->listen(*connection_);
     {
       const std::lock_guard lock(heard_->mutex);
       if (heard_->last >= heard_->awaited) return {};
@@ -184,7 +186,7 @@ Outcome<Ground::Known> Ground::local() const {
 
 std::uint64_t Ground::hash() const {
   if (!heard_) return contentHash_;
-  heard_->listen(takeEdits_);
+  heard_->listen(*connection_);
   const std::lock_guard lock(heard_->mutex);
   return heard_->hash;
 }
@@ -193,14 +195,14 @@ std::uint64_t Ground::hash() const {
 template <class Number, class Make, class Take>
 Outcome<void> Ground::ask(std::size_t count, std::size_t each, std::span<Number> out, std::size_t numbers, const Make& make,
                           const Take& take) const {
-  if (heard_) heard_->listen(takeEdits_);
+  if (heard_) heard_->listen(*connection_);
   const auto until = std::chrono::steady_clock::now() + timeout_;
   std::deque<std::future<Outcome<wire::Answer>>> open;
   std::size_t requested = 0, taken = 0;
   while (taken < count) {
     while (requested < count && open.size() < kInFlight) {
       const std::size_t n = std::min(each, count - requested);
-      open.push_back(ask_(make(requested, n)));
+      open.push_back(connection_->ask(make(requested, n)));
       requested += n;
     }
     if (open.front().wait_until(until) != std::future_status::ready)

@@ -11,13 +11,11 @@
 #include <array>
 #include <chrono>
 #include <cstdint>
-#include <functional>
-#include <future>
 #include <memory>
 #include <span>
-#include <utility>
 #include <vector>
 
+#include "client/connection/connection.h"
 #include "common/ground/ground.h"
 #include "common/lattice/lattice.h"
 #include "common/outcome/outcome.h"
@@ -52,12 +50,8 @@ class Ground {
  public:
   enum class Source { kLocal, kServer };
 
-  // `connection`, a Connection or a ReconnectingConnection, must outlive this where the source is the server. `timeout`: of one call.
-  template <class Connection>
-  explicit Ground(Connection& connection, std::chrono::milliseconds timeout = std::chrono::seconds(10))
-      : Ground(
-            connection.world(), connection.followsEdits(), [&connection](wire::Query query) { return connection.ask(std::move(query)); },
-            [&connection] { return connection.takeEdits(); }, timeout) {}
+  // `connection` must outlive this where the source is the server. `timeout`: of one call.
+  explicit Ground(connection::Connection& connection, std::chrono::milliseconds timeout = std::chrono::seconds(10));
 
   // Of a terrain held here.
   explicit Ground(std::shared_ptr<const terrain::Terrain> terrain)
@@ -92,9 +86,6 @@ class Ground {
   Outcome<double> height(double x, double z) const;
 
  private:
-  using Ask = std::function<std::future<Outcome<wire::Answer>>(wire::Query)>;
-  using TakeEdits = std::function<std::vector<wire::MadeEdit>()>;
-  Ground(const wire::World& world, bool followsEdits, Ask ask, TakeEdits takeEdits, std::chrono::milliseconds timeout);
   // The terrain held here with the edits that have come so far, at least those that it must know().
   struct Known {
     std::shared_ptr<const terrain::Terrain> terrain;
@@ -105,9 +96,8 @@ class Ground {
   Outcome<void> ask(std::size_t count, std::size_t each, std::span<Number> out, std::size_t numbers, const Make& make,
                     const Take& take) const;
 
-  const Ask ask_;
+  connection::Connection* const connection_ = nullptr;  // null: of a terrain held here
   const std::chrono::milliseconds timeout_;
-  const TakeEdits takeEdits_;
   const std::uint64_t contentHash_;
   std::shared_ptr<const terrain::Terrain> local_;  // without edits; null: ask the server
   struct Heard;

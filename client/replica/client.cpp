@@ -22,7 +22,7 @@ auto timed(double& milliseconds, const Work& work) {
 
 }  // namespace
 
-Outcome<std::unique_ptr<Client>> Client::open(const connection::Url& url, const wire::Hello& hello, const Options& options) {
+Outcome<std::unique_ptr<Client>> Client::open(const core::Url& url, const wire::Hello& hello, const Options& options) {
   wire::Hello follows = hello;
   follows.points = true;
   std::unique_ptr<Client> client(new Client(url, std::move(follows), options));
@@ -31,14 +31,11 @@ Outcome<std::unique_ptr<Client>> Client::open(const connection::Url& url, const 
 }
 
 Outcome<void> Client::enterOtherWorld() {
-  auto opened = connection::ReconnectingConnection::open(
-      url_, hello_,
-      [this] {
-        auto held = follower_.resume();
-        for (const wire::Resume& part : held) resumed_ += part.leaves.size();
-        return held;
-      },
-      options_);
+  auto opened = connection::Connection::open(url_, hello_, options_, [this] {
+    auto held = follower_.resume();
+    for (const wire::Resume& part : held) resumed_ += part.leaves.size();
+    return held;
+  });
   if (!opened) return opened.error();
   decoding_.reset();  // reads the mesh held
   follower_ = {};
@@ -76,25 +73,25 @@ Outcome<Update> Client::await(std::uint64_t sequence, std::chrono::milliseconds 
 
 Outcome<bool> Client::exchangeTiles(scene::HeightWindow& window) {
   if (std::exchange(tilesFrom_, connection_->reconnections()) != connection_->reconnections()) window.forgetRequests();
-  const auto tiles = (*connection_)->takeTiles();
+  const auto tiles = connection_->takeTiles();
   for (const wire::HeightTile& tile : tiles)
     if (auto put = window.put(tile); !put) return put.error();
-  if (auto missing = window.take(); !missing.empty()) (*connection_)->want(wire::WantTiles{std::move(missing)});
+  if (auto missing = window.take(); !missing.empty()) connection_->want(wire::WantTiles{std::move(missing)});
   return !tiles.empty();
 }
 
 Outcome<bool> Client::exchangeEdits(scene::HeldEdits& edits) {
   if (world().revision < 5 || world().terrainSource.empty()) return false;
   if (std::exchange(editsFrom_, connection_->reconnections()) != connection_->reconnections()) edits.reconnected(edit_ = world().edit);
-  const auto [found, squares] = (*connection_)->takeEditsFound();
+  const auto [found, squares] = connection_->takeEditsFound();
   for (const wire::FoundEdits& f : found)
     if (auto put = edits.put(f); !put) return put.error();
   for (const wire::Squares& s : squares)
     if (auto put = edits.put(s); !put) return put.error();
   edits.know(edit_);
   if (const auto [find, want] = edits.take(); find || !want.squares.empty()) {
-    if (find) (*connection_)->find(*find);
-    if (!want.squares.empty()) (*connection_)->want(want);
+    if (find) connection_->find(*find);
+    if (!want.squares.empty()) connection_->want(want);
   }
   return !found.empty() || !squares.empty();
 }
@@ -119,8 +116,8 @@ std::optional<Update> Client::poll(std::chrono::milliseconds soon, const std::fu
 
 Update Client::answer(Decoding&& decoding, Follower::Answer answer) {
   Update update{std::move(decoding.received.iteration), decoding.received.bytes, decoding.milliseconds, {}};
-  if (answer.resend) (*connection_)->resend(*answer.resend);
-  (*connection_)->acknowledge(answer.acknowledge);
+  if (answer.resend) connection_->resend(*answer.resend);
+  connection_->acknowledge(answer.acknowledge);
   update.wrong = std::move(answer.wrong);
   edit_ = std::max(edit_, update.iteration.edit);
   if (!update.wrong) connection_->applied();

@@ -16,7 +16,7 @@
 #include <utility>
 #include <vector>
 
-#include "client/connection/reconnecting.h"
+#include "client/connection/connection.h"
 #include "client/replica/follower.h"
 #include "client/scene/height_window.h"
 #include "client/scene/held_edits.h"
@@ -37,8 +37,8 @@ struct Update {
 
 class Client {
  public:
-  using Options = connection::ReconnectingConnection::Options;
-  static Outcome<std::unique_ptr<Client>> open(const connection::Url& url, const wire::Hello& hello, const Options& options = {});
+  using Options = connection::Options;
+  static Outcome<std::unique_ptr<Client>> open(const core::Url& url, const wire::Hello& hello, const Options& options = {});
 
   // Where connection().otherWorld(): enters that world with the same hello, in place of the one held. The mesh held is empty then;
   // sequences go on. Blocks as open() does. Error: as open's; the client stays as it was.
@@ -46,8 +46,8 @@ class Client {
 
   const scene::Scene& scene() const { return follower_.scene(); }
   const wire::World& world() const { return connection_->world(); }  // good until receive(), poll() or await() is called
-  connection::ReconnectingConnection& connection() { return *connection_; }
-  const connection::ReconnectingConnection& connection() const { return *connection_; }
+  connection::Connection& connection() { return *connection_; }
+  const connection::Connection& connection() const { return *connection_; }
   std::uint64_t resumed() const { return resumed_; }  // leaves that were named to later connections
 
   // Never blocks. Returns the pose's sequence, ascending from 1. `state`: what the other members hear of this one, at most
@@ -79,14 +79,14 @@ class Client {
     double milliseconds = 0;
     std::future<Outcome<scene::Scene::Prepared>> prepared{};
   };
-  Client(const connection::Url& url, wire::Hello hello, const Options& options) : url_(url), hello_(std::move(hello)), options_(options) {}
+  Client(const core::Url& url, wire::Hello hello, const Options& options) : url_(url), hello_(std::move(hello)), options_(options) {}
   Update answer(Decoding&& decoding, Follower::Answer answer);
 
-  const connection::Url url_;
+  const core::Url url_;
   const wire::Hello hello_;
   const Options options_;
   Follower follower_;
-  std::unique_ptr<connection::ReconnectingConnection> connection_;  // never null
+  std::unique_ptr<connection::Connection> connection_;  // never null
   std::uint64_t sequence_ = 0, resumed_ = 0;
   std::uint64_t tilesFrom_ = 0, editsFrom_ = 0;  // the reconnection that tiles, and edits, are requested of
   std::uint64_t edit_ = 0;                       // the newest that the mesh knows

@@ -25,7 +25,7 @@ struct Offline {
 };
 
 struct SnapshotOptions {
-  connection::Url url;
+  core::Url url;
   std::optional<Offline> offline;
   std::filesystem::path out;            // a file; of Offline...
   std::filesystem::path tiles;          // ...or a folder of 3D Tiles, or a .pmtiles

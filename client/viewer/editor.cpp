@@ -35,7 +35,7 @@ lattice::Step along(lattice::Step from, double by) { return from + std::llround(
 
 }  // namespace
 
-Editor::Editor(replica::Client& client, const connection::Url& url, ViewerState& state)
+Editor::Editor(replica::Client& client, const core::Url& url, ViewerState& state)
     : client_(client),
       url_(url),
       state_(state),
@@ -121,8 +121,8 @@ void Editor::grant(const EditRequests& requests, const camera::Camera& camera) {
 }
 
 void Editor::send(const wire::Edit& edit) {
-  const connection::ReconnectingConnection& connection = client_.connection();
-  sent_.push_back({edit.id, connection.reconnections(), client_.connection()->edit(edit)});
+  connection::Connection& connection = client_.connection();
+  sent_.push_back({edit.id, connection.reconnections(), connection.edit(edit)});
 }
 
 void Editor::hear() {
@@ -136,7 +136,7 @@ void Editor::hear() {
     sent_.erase(sent_.begin() + static_cast<std::ptrdiff_t>(k));
     const auto answer = sent.answer.get();
     // Without an answer it waits for the next connection.
-    if (!answer && (sent.connection != now || client_.connection()->error())) continue;
+    if (!answer && (sent.connection != now || client_.connection().error())) continue;
     editing_.hear(sent.id, answer ? Outcome<std::uint64_t>(answer->number) : Outcome<std::uint64_t>(answer.error()));
     if (state_.edit.on) show();
   }

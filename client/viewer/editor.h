@@ -24,7 +24,7 @@ class Editor {
   // A place in the window, in shares of its width and height from the top left.
   using Pointer = std::pair<double, double>;
 
-  Editor(replica::Client& client, const connection::Url& url, ViewerState& state);
+  Editor(replica::Client& client, const core::Url& url, ViewerState& state);
   ~Editor();  // gives up what it asks the server for
   Editor(const Editor&) = delete;
 
@@ -56,7 +56,7 @@ class Editor {
   void lay(const camera::Camera& camera, const std::optional<lattice::Vertex>& at);
 
   replica::Client& client_;
-  const connection::Url url_;
+  const core::Url url_;
   ViewerState& state_;
   Editing editing_;
   std::stop_source stop_;

@@ -182,7 +182,7 @@ void Remembered::visit(Place place) {
   if (places.size() > kMostPlaces) places.pop_back();
 }
 
-std::string sessionAt(const connection::Url& url) { return url.host + ":" + url.port + "/" + url.session; }
+std::string sessionAt(const core::Url& url) { return url.host + ":" + url.port + "/" + url.session; }
 
 std::optional<std::filesystem::path> rememberedFile() {
   const auto folder = [](const char* variable) { return std::filesystem::path(std::getenv(variable) ? std::getenv(variable) : ""); };

@@ -35,7 +35,7 @@ struct Remembered {
   void visit(Place place);
 };
 
-std::string sessionAt(const connection::Url& url);  // a place's `where`
+std::string sessionAt(const core::Url& url);  // a place's `where`
 
 // $XDG_CONFIG_HOME/ridgecast/window.json, or ~/.config/ridgecast/window.json; null without either variable (absolute).
 std::optional<std::filesystem::path> rememberedFile();

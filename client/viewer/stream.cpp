@@ -23,7 +23,7 @@ using Clock = std::chrono::steady_clock;
 
 }  // namespace
 
-Outcome<Link> Link::open(const connection::Url& url, const wire::Settings& settings, const std::string& name,
+Outcome<Link> Link::open(const core::Url& url, const wire::Settings& settings, const std::string& name,
                          const connection::Waiting& waiting) {
   wire::Hello hello;
   hello.clientName = name;
@@ -34,7 +34,7 @@ Outcome<Link> Link::open(const connection::Url& url, const wire::Settings& setti
   return Link{url, settings, std::move(*client)};
 }
 
-Arrival::Arrival(const connection::Url& url, const wire::Settings& settings, const std::string& name) : where_(url.host + ":" + url.port) {
+Arrival::Arrival(const core::Url& url, const wire::Settings& settings, const std::string& name) : where_(url.host + ":" + url.port) {
   connection::Waiting waiting;
   waiting.preparing = [this] { prepares_ = true; };
   waiting.stop = stop_.get_token();
@@ -71,21 +71,22 @@ void Stream::exchange(const camera::Camera& camera) {
     accept(*update);
   }
   watchConnection();
-  if (auto others = client().connection()->others(othersSeen_)) {
+  if (auto others = client().connection().others(othersSeen_)) {
     othersSeen_ = others->version();
     others_ = std::move(*others);
     state_.changed = true;
   }
   followClock();
   showWorlds();
-  if (client().connection()->granted() != shownSettings_) showSettings();
+  if (client().connection().granted() != shownSettings_) showSettings();
   state_.statistics.bytes = client().connection().bytesReceived();
   sendPose(camera);
 }
 
 void Stream::watchConnection() {
-  const connection::ReconnectingConnection& connection = client().connection();
+  const connection::Connection& connection = client().connection();
   otherWorld_ = connection.otherWorld();
+  const bool isAnother = std::exchange(reconnections_, connection.reconnections()) != connection.reconnections();
   const auto why = otherWorld_ ? std::nullopt : connection.error();
   if (otherWorld_) {
     state_.message =
@@ -105,7 +106,7 @@ void Stream::watchConnection() {
       state_.message = loss_;
       state_.changed = true;
     }
-  } else if (lost_) {
+  } else if (isAnother) {
     std::fprintf(stderr, "ridgecast-client: connected again\n");
     if (!state_.message.empty()) state_.tell("connected again");
     state_.message.clear();
@@ -118,7 +119,7 @@ void Stream::watchConnection() {
 
 // No step waits for more than the answer to it; what the server says about the clock is shown.
 void Stream::followClock() {
-  connection::Connection& connection = *client().connection();
+  connection::Connection& connection = client().connection();
   const bool isNew = connection.waitForClock(clockSeen_, 0ms);
   if (!isNew && (!state_.clock.on || !state_.clock.runs)) return;
   const core::SessionClock clock = connection.clock();
@@ -158,7 +159,7 @@ void Stream::setClock(const wire::SetClock& set) {
   if (lost_ || !state_.clock.known) return state_.tell("no connection to a server with a clock");
   if (set.time != 0 && !state_.clock.jumps) return state_.tell("this server is too old to set its clock to a time");
   if (!state_.clock.driver.empty()) return state_.tell(state_.clock.driver + " owns the clock");
-  connection::Connection& connection = *client().connection();
+  connection::Connection& connection = client().connection();
   connection.setClock(set);
   connection.setClock({.own = false});
   // So that the next key, which may be pressed before the server answers, goes on from there.
@@ -191,7 +192,7 @@ void Stream::accept(const replica::Update& update) {
   if (iteration.candidates && state_.lines.candidates) {
     candidates_ = std::make_shared<const std::vector<wire::Candidate>>(*iteration.candidates);
     s.candidates = candidates_->size();
-    s.candidateUnit = client().connection()->granted().metric == wire::Metric::kPixels ? std::max(s.effectiveThreshold, 1e-3) : 1;
+    s.candidateUnit = client().connection().granted().metric == wire::Metric::kPixels ? std::max(s.effectiveThreshold, 1e-3) : 1;
   }
   state_.changed = true;
 }
@@ -252,7 +253,7 @@ void Stream::giveUpWorld() {
 }
 
 void Stream::showSettings() {
-  const wire::Settings& granted = shownSettings_ = client().connection()->granted();
+  const wire::Settings& granted = shownSettings_ = client().connection().granted();
   state_.changed = true;
   Panel& c = state_.panel;
   c.live = client().world().revision >= 2;
@@ -272,7 +273,7 @@ void Stream::requestSettings() {
   wire::Settings& requested = link_.settings;
   const auto metric = static_cast<wire::Metric>(c.metric);
   // Thresholds of two metrics have nothing to do with each other.
-  requested.threshold = metric == client().connection()->granted().metric ? static_cast<double>(c.threshold) : 0;
+  requested.threshold = metric == client().connection().granted().metric ? static_cast<double>(c.threshold) : 0;
   requested.metric = metric;
   requested.triangleBudget = static_cast<std::uint32_t>(c.triangles) * 1000;
   requested.bytesPerSecond = static_cast<std::uint64_t>(c.kilobytes) * 1000;
@@ -296,7 +297,7 @@ void Stream::showWorlds() {
 
 void Stream::enterSession(const std::string& name) {
   if (next_) return;
-  connection::Url url = link_.url;
+  core::Url url = link_.url;
   url.session = name;
   url.world.clear();
   state_.panel.problem = "entering ...";
@@ -317,7 +318,7 @@ void Stream::enterWorld() {
                     "'" + terrain.substr(0, 60) + "' is not a terrain's name: at most 40 letters, digits, . _ -, such as canyon");
   if (parsed.ec != std::errc() || parsed.ptr != seed.data() + seed.size())
     return void(state_.panel.problem = "'" + seed + "' is not a seed: give a whole number from 0 to 4294967295");
-  connection::Url url = link_.url;
+  core::Url url = link_.url;
   url.session = terrain + "-" + std::to_string(number);
   url.world = "terrain=" + terrain + "&seed=" + std::to_string(number);
   state_.panel.problem = "entering ...";

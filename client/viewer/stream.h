@@ -20,19 +20,19 @@ namespace ridgecast::viewer {
 
 // A world that is connected to.
 struct Link {
-  connection::Url url;
+  core::Url url;
   wire::Settings settings;
   std::unique_ptr<replica::Client> client;
 
   // `name`: what the others see.
-  static Outcome<Link> open(const connection::Url& url, const wire::Settings& settings, const std::string& name,
+  static Outcome<Link> open(const core::Url& url, const wire::Settings& settings, const std::string& name,
                             const connection::Waiting& waiting = {});
 };
 
 // A connection being opened while the window stays responsive: the server may first have to compile the terrain. Main thread only.
 class Arrival {
  public:
-  Arrival(const connection::Url& url, const wire::Settings& settings, const std::string& name);
+  Arrival(const core::Url& url, const wire::Settings& settings, const std::string& name);
   ~Arrival();  // gives up at once, except on the look-up of a host name
   Arrival(const Arrival&) = delete;
 
@@ -57,7 +57,7 @@ class Stream {
 
   Stream(Link link, ViewerState& state);
   replica::Client& client() const { return *link_.client; }
-  const connection::Url& url() const { return link_.url; }
+  const core::Url& url() const { return link_.url; }
   bool lost() const { return lost_; }
   std::uint64_t sceneVersion() const { return sceneVersion_; }  // tells scenes apart
   const LeafAges& ages() const { return ages_; }
@@ -97,6 +97,7 @@ class Stream {
   std::optional<Arrival> next_;
   std::optional<WorldsQuestion> question_;
   bool lost_ = false, otherWorld_ = false;
+  std::uint64_t reconnections_ = 0;
   std::chrono::steady_clock::time_point lostAt_{};
   std::string loss_;  // what the window says of it
   wire::Settings shownSettings_;

@@ -12,7 +12,7 @@
 namespace ridgecast::viewer {
 
 struct ViewOptions {
-  connection::Url url;
+  core::Url url;
   wire::Settings settings;
   std::uint32_t width = 0, height = 0;               // of the window at first, screen coordinates; 0: as remembered
   std::optional<double> x, z, altitude, yaw, pitch;  // the start, metres and degrees; all null: the last place in this session

@@ -287,7 +287,7 @@ void WorldWindow::flyTo(std::uint64_t member) {
 
 // As the page writes it, without the token.
 void WorldWindow::copyLink() {
-  const connection::Url& url = stream_.url();
+  const core::Url& url = stream_.url();
   const camera::Pose& pose = controls_.pose();
   const bool bracketed = url.host.find(':') != std::string::npos;
   char place[160];

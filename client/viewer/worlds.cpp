@@ -52,7 +52,7 @@ Outcome<Worlds> worldsFrom(std::string_view sessions, std::string_view terrains)
   return out;
 }
 
-WorldsQuestion::WorldsQuestion(const connection::Url& url)
+WorldsQuestion::WorldsQuestion(const core::Url& url)
     : answer_(std::async(std::launch::async, [url, stop = stop_.get_token()]() -> Outcome<Worlds> {
         const auto sessions = connection::fetch(url, "/v1/sessions", kMostBytes, kTimeout, stop);
         if (!sessions) return sessions.error();

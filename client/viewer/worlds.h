@@ -34,7 +34,7 @@ Outcome<Worlds> worldsFrom(std::string_view sessions, std::string_view terrains)
 // Asks while the window stays responsive. Main thread only.
 class WorldsQuestion {
  public:
-  explicit WorldsQuestion(const connection::Url& url);
+  explicit WorldsQuestion(const core::Url& url);
   ~WorldsQuestion();  // gives up, within a tenth of a second but for the look-up of a host name
   WorldsQuestion(const WorldsQuestion&) = delete;
   // Returned once, when it is there. Error: the server's own sentence, or why there is none.

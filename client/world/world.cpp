@@ -31,7 +31,7 @@ World::World(std::unique_ptr<replica::Client> client, const Options& options)
 }
 
 Result<std::unique_ptr<World>> World::join(std::string_view url, const Options& options) {
-  auto parsed = connection::parseUrl(url);
+  auto parsed = core::parseUrl(url);
   if (!parsed) return Failure{Fault::kInvalid, parsed.error().message};
   parsed->ca = options.ca;
   parsed->token = options.token;
@@ -50,15 +50,15 @@ Result<std::unique_ptr<World>> World::join(std::string_view url, const Options& 
 
 // Why a call failed that had until then.
 Failure World::failure(const Error& error, Instant until) const {
-  const bool lost = client_->connection()->error().has_value();
+  const bool lost = client_->connection().error().has_value();
   return {lost ? Fault::kLost : Clock::now() >= until ? Fault::kTimeout : Fault::kRefused, error.message};
 }
 
 Result<void> World::connected(Instant until) {
-  const connection::ReconnectingConnection& connection = client_->connection();
-  while (const auto why = connection->error()) {
-    client_->receive(std::min(left(until), kLook));  // looks after the connection
-    if (!connection->error()) break;
+  const connection::Connection& connection = client_->connection();
+  while (const auto why = connection.error()) {
+    client_->receive(std::min(left(until), kLook));  // goes on with another conversation
+    if (!connection.error()) break;
     if (connection.otherWorld()) return Failure{Fault::kLost, "the server came back with another world: join again"};
     if (Clock::now() >= until || !connection.comesBack())
       return Failure{Fault::kLost, "the connection is lost: " + connection.error().value_or(*why).message};
@@ -100,7 +100,7 @@ Result<Mesh> World::ground(lattice::Point at, double radius, double error, Milli
     return Failure{Fault::kInvalid, std::move(refusal)};
   for (const auto until = Clock::now() + timeout;;) {
     if (auto there = connected(until); !there) return there.error();
-    const auto patch = query::groundAround(*client_->connection(), at, radius, error, left(until));
+    const auto patch = query::groundAround(client_->connection(), at, radius, error, left(until));
     if (patch) {
       Mesh mesh = meshOf(patch->scene.leaves(), at);
       mesh.error = patch->error;
@@ -113,14 +113,14 @@ Result<Mesh> World::ground(lattice::Point at, double radius, double error, Milli
 
 core::SessionClock World::clock() {
   client_->receive(0ms);
-  return client_->connection()->clock();
+  return client_->connection().clock();
 }
 
 // Waits until the clock heard satisfies `done`.
 template <class Done>
 Result<void> World::clockUntil(Instant until, const Done& done) {
   for (;;) {
-    const auto& connection = *client_->connection();
+    const auto& connection = client_->connection();
     const auto clock = connection.clock();
     if (done(clock)) return {};
     if (const auto why = connection.error()) return Failure{Fault::kLost, why->message};
@@ -132,8 +132,8 @@ Result<void> World::clockUntil(Instant until, const Done& done) {
 // Waits until the clock is this member's and satisfies `done`.
 template <class Done>
 Result<void> World::takeClock(const wire::SetClock& set, Instant until, const Done& done) {
-  const std::uint64_t before = client_->connection()->clock().version();
-  client_->connection()->setClock(set);
+  const std::uint64_t before = client_->connection().clock().version();
+  client_->connection().setClock(set);
   bool refused = false;
   auto taken = clockUntil(until, [&](const core::SessionClock& clock) {
     const wire::Clock& said = clock.said();
@@ -141,7 +141,7 @@ Result<void> World::takeClock(const wire::SetClock& set, Instant until, const Do
     return refused || (said.owner == camera() && done(said, clock.version() > before));
   });
   if (taken && refused)
-    return Failure{Fault::kRefused, "member " + std::to_string(client_->connection()->clock().said().owner) + " owns the clock"};
+    return Failure{Fault::kRefused, "member " + std::to_string(client_->connection().clock().said().owner) + " owns the clock"};
   return taken;
 }
 
@@ -161,7 +161,7 @@ Result<void> World::jump(Microseconds time, Milliseconds timeout) {
   for (const auto until = Clock::now() + timeout;;) {
     if (auto there = connected(until); !there) return there;
     if (auto heard = clockUntil(until, [](const core::SessionClock& clock) { return clock.version() > 0; }); !heard) return heard;
-    const auto clock = client_->connection()->clock();
+    const auto clock = client_->connection().clock();
     const auto now = Clock::now();
     const wire::Clock& said = clock.said();
     const std::uint64_t is = clock.time(now), end = said.end == 0 ? to : std::min(to, said.end);
@@ -199,15 +199,15 @@ Result<void> World::step(Microseconds time, Milliseconds timeout) {
   if (uncertain_) return uncertain();
   if (unsent_ > 0us) {
     if (auto there = connected(until); !there) return there;
-    const wire::Clock said = client_->connection()->clock().said();
+    const wire::Clock said = client_->connection().clock().said();
     if (said.owner != camera() || said.mode != wire::ClockMode::kStepped)
       if (auto mine = setClock(wire::ClockMode::kStepped, 0, left(until)); !mine) {
         if (mine.error().fault == Fault::kRefused) unsent_ = 0us;
         return mine;
       }
-    awaited_ = std::max(awaited_, client_->connection()->clock().said().step) + 1;
+    awaited_ = std::max(awaited_, client_->connection().clock().said().step) + 1;
     awaitedOf_ = reconnections();
-    client_->connection()->step({static_cast<std::uint64_t>(std::exchange(unsent_, 0us).count()), true});
+    client_->connection().step({static_cast<std::uint64_t>(std::exchange(unsent_, 0us).count()), true});
   }
   auto stepped = clockUntil(until, [&](const core::SessionClock& clock) {
     return clock.said().step > awaited_ || (clock.said().step == awaited_ && clock.said().waitsFor.empty());
@@ -226,7 +226,7 @@ Result<std::uint64_t> World::edit(const std::string& operation, std::string key,
   for (;;) {
     if (auto there = connected(until); !there) return there.error();
     if (!edit_.answer.valid() || edit_.key != key || edit_.operation != operation || edit_.connection != reconnections())
-      edit_ = {key, operation, reconnections(), client_->connection()->edit({0, key, operation})};
+      edit_ = {key, operation, reconnections(), client_->connection().edit({0, key, operation})};
     if (edit_.answer.wait_until(until) != std::future_status::ready)
       return Failure{Fault::kTimeout, "the server did not answer an edit within " + std::to_string(timeout.count()) + " ms"};
     const auto made = edit_.answer.get();
@@ -240,8 +240,8 @@ Result<std::uint64_t> World::edit(const std::string& operation, std::string key,
 }
 
 Failure World::waitedFor() const {
-  const auto said = client_->connection()->clock().said();
-  const auto roster = client_->connection()->others();
+  const auto said = client_->connection().clock().said();
+  const auto roster = client_->connection().others();
   std::string who;
   for (const std::uint64_t member : said.waitsFor) {
     who.append(who.empty() ? "" : ", ").append("member ").append(std::to_string(member));
@@ -258,18 +258,18 @@ Result<std::uint64_t> World::nextStep(Milliseconds timeout) {
   for (const auto until = Clock::now() + timeout;;) {
     if (auto there = connected(until); !there) return there.error();
     if (auto heard = clockUntil(until, [](const core::SessionClock& clock) { return clock.version() > 0; }); !heard) return heard.error();
-    const auto clock = client_->connection()->clock();
+    const auto clock = client_->connection().clock();
     if (stepOf_ != reconnections()) {
       stepOf_ = reconnections();
       step_ = clock.said().step - (clock.waitsFor(camera()) ? 1 : 0);
     } else if (clock.waitsFor(camera()) && clock.said().step == step_) {
-      client_->connection()->stepDone({step_});
+      client_->connection().stepDone({step_});
     }
     auto next = clockUntil(until, [&](const core::SessionClock& c) { return c.said().step > step_; });
     if (!next && next.error().fault == Fault::kLost && Clock::now() < until) continue;  // the next step of a server that is back
     if (!next && next.error().fault == Fault::kTimeout) return Failure{Fault::kTimeout, "no step began in time"};
     if (!next) return next.error();
-    const wire::Clock said = client_->connection()->clock().said();
+    const wire::Clock said = client_->connection().clock().said();
     step_ = said.step;
     return said.time;
   }
@@ -278,7 +278,7 @@ Result<std::uint64_t> World::nextStep(Milliseconds timeout) {
 std::vector<core::Other> World::others() {
   client_->receive(0ms);
   std::vector<core::Other> all;
-  if (const auto roster = client_->connection()->others())
+  if (const auto roster = client_->connection().others())
     for (const auto& [camera, other] : roster->others()) all.push_back(other);
   return all;
 }

@@ -62,7 +62,7 @@ struct Options {
   settings::Settings settings = {};           // of the mesh
   bool follows = false;                       // the clock: each step waits until this member has done it (nextStep)
   wire::Pacing pacing = wire::Pacing::kFree;  // of the mesh
-  std::string ca = {}, token = {};            // connection::Url
+  std::string ca = {}, token = {};            // core::Url
   std::chrono::milliseconds timeout{10'000};  // of join(), and of queries
   bool reconnects = true;
 };
@@ -72,7 +72,7 @@ class World {
   using Milliseconds = std::chrono::milliseconds;
   using Microseconds = std::chrono::microseconds;
 
-  // `url`: connection::parseUrl. The session is made if there is none and the URL names a terrain.
+  // `url`: core::parseUrl. The session is made if there is none and the URL names a terrain.
   static Result<std::unique_ptr<World>> join(std::string_view url, const Options& options);
 
   const wire::World& info() const { return info_; }
@@ -102,7 +102,7 @@ class World {
   // Of a member that follows: says that the step returned last is done, waits for the next one and returns the session's time.
   Result<std::uint64_t> nextStep(Milliseconds timeout);
   // As the owner: no step waits for this member until it has caught up.
-  void passOver(std::uint64_t member) { client_->connection()->passOver(member); }
+  void passOver(std::uint64_t member) { client_->connection().passOver(member); }
 
   // Changes the ground for everybody: an operation as JSON (common/edits/json.h). Returns its number: then it is kept, and in answers and
   // meshes that come from now on. `key`: what is sent again with it, by the same client under the same name, is made once; empty: another

@@ -16,7 +16,7 @@
 #include <stdexcept>
 #include <thread>
 
-#include "client/connection/reconnecting.h"
+#include "client/connection/connection.h"
 #include "client/replica/follower.h"
 #include "common/camera/path.h"
 #include "common/terrain/terrain.h"
@@ -140,8 +140,7 @@ class Stream {
     hello.clientName = "bench";
     hello.points = door.name == "stream";
     hello.settings.threshold = door.detail;
-    auto opened = connection::ReconnectingConnection::open(connection::parseUrl(url).value(), hello, [this] { return follower_.resume(); },
-                                                           {.reconnects = false});
+    auto opened = connection::Connection::open(core::parseUrl(url).value(), hello, {.reconnects = false});
     if (!opened) throw std::runtime_error(opened.error().message);
     connection_ = std::move(*opened);
     follower_.follow({hello.points, false, connection_->world().settings.triangleBudget});
@@ -158,7 +157,7 @@ class Stream {
       }
       const auto answer = follower_.apply(received->iteration);
       if (answer.wrong) throw std::runtime_error(answer.wrong->message);
-      (*connection_)->acknowledge(answer.acknowledge);
+      connection_->acknowledge(answer.acknowledge);
       settled_ = received->iteration.settled && received->iteration.poseSequence == sequence_;
     }
   }
@@ -171,7 +170,7 @@ class Stream {
 
  private:
   replica::Follower follower_;
-  std::unique_ptr<connection::ReconnectingConnection> connection_;
+  std::unique_ptr<connection::Connection> connection_;
   std::uint64_t sequence_ = 0;
   bool settled_ = false;
 };

@@ -155,7 +155,9 @@ TEST(DurableSession, KnowsKeysAndAuthorsAgain) {
   const auto join = [](const ServerProcess& server, const std::string& name) {
     wire::Hello hello;
     hello.clientName = name;
-    return connection::Connection::open({"127.0.0.1", std::to_string(server.port()), "default"}, hello, testing_support::kTimeout).value();
+    return connection::Connection::open({"127.0.0.1", std::to_string(server.port()), "default"}, hello,
+                                        {.reconnects = false, .timeout = testing_support::kTimeout})
+        .value();
   };
   for (int round = 0; round < 2; ++round) {
     ServerProcess server(RIDGECAST_SERVER, arguments);
@@ -190,8 +192,8 @@ TEST(DurableSession, CompactedEditsAreInTheAnswersOfThoseWhoComeLater) {
   ServerProcess server(RIDGECAST_SERVER, arguments);
   wire::Hello hello;
   hello.edits = true;
-  const auto member =
-      connection::Connection::open({"127.0.0.1", std::to_string(server.port()), "default"}, hello, testing_support::kTimeout);
+  const auto member = connection::Connection::open({"127.0.0.1", std::to_string(server.port()), "default"}, hello,
+                                                   {.reconnects = false, .timeout = testing_support::kTimeout});
   ASSERT_TRUE(member);
   const query::Ground ground(**member, testing_support::kTimeout);
   EXPECT_EQ(ground.source(), query::Ground::Source::kServer) << "the edits are not told, so the ground cannot be computed here";

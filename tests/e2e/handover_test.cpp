@@ -144,10 +144,10 @@ TEST(Handover, NothingIsLostOrMadeTwiceWhoeverIsKilled) {
   editors.emplace_back([&] {  // over streams
     std::mt19937 random(99);
     for (int k = 0; !isOver;) {
-      connection::Url url{"127.0.0.1", std::to_string(servers.port(random() % 2)), "default"};
+      core::Url url{"127.0.0.1", std::to_string(servers.port(random() % 2)), "default"};
       wire::Hello hello;
       hello.clientName = "member";
-      const auto opened = connection::Connection::open(url, hello, kTimeout);
+      const auto opened = connection::Connection::open(url, hello, {.reconnects = false, .timeout = kTimeout});
       if (!opened) {
         std::this_thread::sleep_for(10ms);
         continue;

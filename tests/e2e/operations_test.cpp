@@ -272,7 +272,7 @@ TEST(Operations, FiguresTellOfRepairsReloadsAndWork) {
   Flier flier(plain.url(), coarse());
   const PathCamera path(RIDGECAST_PATHS "/alpine.json", flier.world());
   flier.step(path.at(0));
-  flier.connection()->resend({});
+  flier.connection().resend({});
   flier.step(path.at(0.1));
   EXPECT_EQ(scrape(plain.port())["ridgecast_resend_requests_total"], 1);
   SocketClient asker(plain.port());

@@ -97,8 +97,8 @@ TEST(FreePacing, NothingIsSentBeyondTheWindowWithoutAnAcknowledgement) {
   ServerProcess server(RIDGECAST_SERVER, {"--window", "2"});
   wire::Hello hello;
   hello.settings = coarse();
-  const auto url = connection::parseUrl(server.url());
-  auto connected = connection::Connection::open(*url, hello, kTimeout);
+  const auto url = core::parseUrl(server.url());
+  auto connected = connection::Connection::open(*url, hello, {.reconnects = false, .timeout = kTimeout});
   ASSERT_TRUE(connected) << connected.error().message;
   connection::Connection& c = **connected;
   const PathCamera path(RIDGECAST_PATHS "/alpine.json", c.world());

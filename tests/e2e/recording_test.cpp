@@ -86,7 +86,7 @@ TEST_F(RecordingEndToEnd, RecordReplayExportAndFlyAgain) {
     std::optional<Flier> lockstep(std::in_place, server.url(), coarse()), free(std::in_place, server.url(), coarse(), wire::Pacing::kFree);
     for (int k = 0; k < 20; ++k) {
       if (k == 10) {
-        ASSERT_TRUE(lockstep->connection()->edit({0, "", kCrater}).get());
+        ASSERT_TRUE(lockstep->connection().edit({0, "", kCrater}).get());
       }
       lockstep->step(at(k));
       free->send(at(2 * k));
@@ -162,7 +162,7 @@ TEST_F(RecordingEndToEnd, AProcessorWithoutAvxMakesTheSameMeshes) {
     Flier flier(server.url(), coarse());
     for (int k = 0; k < 8; ++k) {
       if (k == 4) {
-        ASSERT_TRUE(flier.connection()->edit({0, "", kCrater}).get());
+        ASSERT_TRUE(flier.connection().edit({0, "", kCrater}).get());
       }
       flier.step(at(5 * k));
     }
@@ -182,7 +182,7 @@ TEST_F(RecordingEndToEnd, BeginsWithTheEditsThatWereKept) {
       for (int k = 0; k < 6; ++k) {
         flier.step(at(k));
         if (k == 2) {
-          ASSERT_TRUE(flier.connection()->edit({0, "", edit}).get());
+          ASSERT_TRUE(flier.connection().edit({0, "", edit}).get());
         }
       }
     }
@@ -207,7 +207,7 @@ TEST_F(RecordingEndToEnd, OnlookersSeeItsMembersAndItsGround) {
       Flier flier(server.url(), coarse());
       for (int k = 0; k < 10; ++k) flier.step(at(k));
       std::this_thread::sleep_for(3s);  // in which it can be seen
-      ASSERT_TRUE(flier.connection()->edit({0, "", kCrater}).get());
+      ASSERT_TRUE(flier.connection().edit({0, "", kCrater}).get());
     }
     EXPECT_EQ(server.stop(), 0);
   }
@@ -216,8 +216,8 @@ TEST_F(RecordingEndToEnd, OnlookersSeeItsMembersAndItsGround) {
   ASSERT_TRUE(await([&] { return !readText(portFile).empty() || !player.running(); })) << player.output();
   wire::Hello hello;
   hello.members = hello.clock = hello.edits = true;
-  const auto url = connection::parseUrl("127.0.0.1:" + std::to_string(std::stoul(readText(portFile)))).value();
-  auto onlooker = connection::Connection::open(url, hello, kTimeout).value();
+  const auto url = core::parseUrl("127.0.0.1:" + std::to_string(std::stoul(readText(portFile)))).value();
+  auto onlooker = connection::Connection::open(url, hello, {.reconnects = false, .timeout = kTimeout}).value();
   EXPECT_GT(onlooker->world().camera, 1u);
   const auto member = [&]() -> std::optional<wire::Member> {
     const auto roster = onlooker->others();
@@ -244,7 +244,7 @@ TEST_F(RecordingEndToEnd, OnlookersSeeItsMembersAndItsGround) {
   onlooker->setClock({true, wire::ClockMode::kStepped, 0, 1});
   ASSERT_TRUE(await([&] { return onlooker->error().has_value(); }));
   EXPECT_THAT(onlooker->error()->message, HasSubstr("The session begins again"));
-  onlooker = connection::Connection::open(url, hello, kTimeout).value();
+  onlooker = connection::Connection::open(url, hello, {.reconnects = false, .timeout = kTimeout}).value();
   ASSERT_TRUE(onlooker->waitForClock(0, kTimeout));
   EXPECT_EQ(onlooker->clock().said().time, 1u);
   EXPECT_EQ(onlooker->clock().said().end, over.end);
@@ -283,8 +283,8 @@ TEST_F(RecordingEndToEnd, ListensOnceTheRecordingIsRead) {
   ASSERT_TRUE(await([&] { return !readText(portFile).empty() || !player.running(); })) << player.output();
   wire::Hello hello;
   hello.clock = true;
-  const auto url = connection::parseUrl("127.0.0.1:" + std::to_string(std::stoul(readText(portFile)))).value();
-  const auto onlooker = connection::Connection::open(url, hello, kTimeout).value();
+  const auto url = core::parseUrl("127.0.0.1:" + std::to_string(std::stoul(readText(portFile)))).value();
+  const auto onlooker = connection::Connection::open(url, hello, {.reconnects = false, .timeout = kTimeout}).value();
   EXPECT_EQ(onlooker->world().camera, 2u);
   ASSERT_TRUE(onlooker->waitForClock(0, kTimeout));
   EXPECT_GT(onlooker->clock().said().end, 0u);

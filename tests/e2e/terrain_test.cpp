@@ -124,7 +124,7 @@ TEST_F(TerrainFlight, DetailOnAMapIsTheSameGroundOnEverySide) {
   terrain->heights(x, z, own);
   EXPECT_EQ(told, own);
   // Of the tiles that a client gets, for the march.
-  const auto client = replica::Client::open(connection::parseUrl(server.url()).value(), {}).value();
+  const auto client = replica::Client::open(core::parseUrl(server.url()).value(), {}).value();
   const wire::World world = client->world();
   ASSERT_TRUE(world.heightMap);
   EXPECT_EQ(world.heightMap->x.pitch, terrain::pitchOf(800));

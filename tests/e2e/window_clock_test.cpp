@@ -28,7 +28,7 @@ class WindowClock : public WindowTest {
   void join(const std::string& url) {
     wire::Hello hello;
     hello.clock = true;
-    onlooker_ = connection::Connection::open(connection::parseUrl(url).value(), hello, kTimeout).value();
+    onlooker_ = connection::Connection::open(core::parseUrl(url).value(), hello, {.reconnects = false, .timeout = kTimeout}).value();
   }
   // The clock as another member sees it, once nobody has it and it is as wanted.
   bool hears(const auto& wanted) {

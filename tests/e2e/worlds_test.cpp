@@ -369,14 +369,14 @@ TEST(WorldsWatched, GoOnWithTheGroundThatWasSaved) {
   wire::Hello hello;
   hello.settings = settings;
   hello.members = true;
-  const auto member = replica::Client::open(connection::parseUrl(server.url()).value(), hello).value();
+  const auto member = replica::Client::open(core::parseUrl(server.url()).value(), hello).value();
   save("mine.glsl", "heigth");
   ASSERT_TRUE(await([&] { return server.process().output().find("'heigth'") != std::string::npos; }, std::chrono::seconds(60)));
   EXPECT_THAT(server.process().output(),
               testing::AllOf(HasSubstr("keeps its ground"), HasSubstr("mine.glsl:3: 'heigth' : undeclared identifier")));
   EXPECT_TRUE(await([&] {
     member->receive(std::chrono::milliseconds(10));
-    return member->connection()->clock().notice().find("3: 'heigth' : undeclared") != std::string::npos;
+    return member->connection().clock().notice().find("3: 'heigth' : undeclared") != std::string::npos;
   }));
   camera.pose.x = 500;
   own->settle(camera);

@@ -6,7 +6,7 @@
 #include <memory>
 #include <string_view>
 
-#include "client/connection/connection.h"
+#include "client/core/conversation/url.h"
 #include "server/access/network.h"
 #include "server/http/queries.h"
 #include "server/http/request_filter.h"
@@ -61,7 +61,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   if (answer.ofBody) answer = http::Answer(answer.ofBody->answer(std::string(rest)));
   if (answer.later) answer.later->work({});
   if (!answer.later && answer.status >= 400) require(!answer.body.empty());
-  if (const auto url = connection::parseUrl(lines[1]); !url) require(!url.error().message.empty());
+  if (const auto url = core::parseUrl(lines[1]); !url) require(!url.error().message.empty());
   for (const auto format : {snapshot::Format::kGlb, snapshot::Format::kTiff, snapshot::Format::kTiles, snapshot::Format::kArchive}) {
     const auto question = snapshot::parse(request.query(), {}, nullptr, format);
     require(question ? !snapshot::canonical(*question).empty() : !question.error().message.empty());

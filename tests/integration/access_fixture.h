@@ -89,10 +89,10 @@ class AccessTest : public testing::Test {
   double refusals(metrics::Refusal reason) const { return resources->figures->refusals[static_cast<std::size_t>(reason)]->Value(); }
   Outcome<std::unique_ptr<connection::Connection>> connect(const std::string& address, const std::string& ca,
                                                            const std::string& token = "") const {
-    auto url = connection::parseUrl(address).value();
+    auto url = core::parseUrl(address).value();
     url.ca = ca;
     url.token = token;
-    return connection::Connection::open(url, wire::Hello{}, testing_support::kTimeout);
+    return connection::Connection::open(url, wire::Hello{}, {.reconnects = false, .timeout = testing_support::kTimeout});
   }
 
   testing_support::ScratchFolder folder;

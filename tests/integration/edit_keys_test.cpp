@@ -42,12 +42,12 @@ class EditKeysTest : public AccessTest {
     start();
   }
   std::unique_ptr<Connection> join(const std::string& name, const std::string& token = "") const {
-    auto url = connection::parseUrl("ws://127.0.0.1:" + std::to_string(server->port())).value();
+    auto url = core::parseUrl("ws://127.0.0.1:" + std::to_string(server->port())).value();
     url.token = token;
     wire::Hello hello;
     hello.clientName = name;
     hello.edits = true;
-    return Connection::open(url, hello, testing_support::kTimeout).value();
+    return Connection::open(url, hello, {.reconnects = false, .timeout = testing_support::kTimeout}).value();
   }
   static std::uint64_t make(Connection& connection, const std::string& operation, const std::string& key) {
     const auto answer = connection.edit({0, key, operation}).get();

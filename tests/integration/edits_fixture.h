@@ -44,7 +44,7 @@ class Member {
     hello.points = true;
     hello.edits = wantsEdits;
     hello.editsAfter = after;
-    auto opened = Connection::open({"127.0.0.1", std::to_string(port), "default"}, hello, kTimeout);
+    auto opened = Connection::open({"127.0.0.1", std::to_string(port), "default"}, hello, {.reconnects = false, .timeout = kTimeout});
     if (!opened) throw std::runtime_error(opened.error().message);
     connection_ = std::move(*opened);
     follower_.follow({true, false, connection_->world().settings.triangleBudget});

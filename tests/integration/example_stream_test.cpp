@@ -87,8 +87,9 @@ std::string record() {
     hello.pacing = wire::Pacing::kLockstep;
     hello.settings.threshold = 2.5;
     hello.points = true;
-    const auto connection =
-        connection::Connection::open({"127.0.0.1", std::to_string(server->port()), "default"}, hello, testing_support::kTimeout).value();
+    const auto connection = connection::Connection::open({"127.0.0.1", std::to_string(server->port()), "default"}, hello,
+                                                         {.reconnects = false, .timeout = testing_support::kTimeout})
+                                .value();
     wire::World world = connection->world();
     world.terrainSource.clear();  // long, and of no use here
     stream += framed(world);

@@ -65,7 +65,7 @@ class MembersTest : public LoopbackTest {
   }
   std::unique_ptr<Connection> join(const wire::Hello& hello, const std::string& session = "default") {
     const std::string url = "127.0.0.1:" + std::to_string(server->port()) + "?session=" + session;
-    auto opened = Connection::open(connection::parseUrl(url).value(), hello, kTimeout);
+    auto opened = Connection::open(core::parseUrl(url).value(), hello, {.reconnects = false, .timeout = kTimeout});
     if (!opened) throw std::runtime_error(opened.error().message);
     return std::move(*opened);
   }

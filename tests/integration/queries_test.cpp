@@ -67,7 +67,8 @@ class QueriesTest : public LoopbackTest {
   }
   std::unique_ptr<Connection> join(const std::string& session, wire::Hello hello = {}) {
     hello.edits = true;
-    auto opened = Connection::open({"127.0.0.1", std::to_string(server->port()), session}, hello, kTimeout);
+    auto opened =
+        Connection::open({"127.0.0.1", std::to_string(server->port()), session}, hello, {.reconnects = false, .timeout = kTimeout});
     if (!opened) throw std::runtime_error(opened.error().message);
     return std::move(*opened);
   }

@@ -89,7 +89,7 @@ class RecordingTest : public LoopbackTest {
   void fly() {
     std::optional<Flier> lockstep(std::in_place, url(), coarse()), free(std::in_place, url(), coarse(3), wire::Pacing::kFree);
     Flier beside(url("stepped"), coarse(4));
-    beside.connection()->setClock({true, wire::ClockMode::kStepped, 0});
+    beside.connection().setClock({true, wire::ClockMode::kStepped, 0});
     for (int k = 0; k < kSteps; ++k) {
       const camera::Camera camera = cameraAt(k * 0.2, 3600);
       if (k == kSteps / 4) edit("default", crater({camera.pose.x + m(40), camera.pose.z - m(60)}));
@@ -107,13 +107,13 @@ class RecordingTest : public LoopbackTest {
       free->send(cameraAt(k * 0.2, 3000));
       while (free->take(k % 3 == 0 ? 50ms : 0ms)) {
       }
-      beside.connection()->step({100'000, false});
+      beside.connection().step({100'000, false});
       beside.step(cameraAt(k * 0.1, 2000));
     }
     wire::Query query;
     query.x = {m(10)};
     query.z = {m(-80)};
-    ASSERT_TRUE(beside.connection()->ask(query).get());
+    ASSERT_TRUE(beside.connection().ask(query).get());
     lockstep.reset();
     ASSERT_TRUE(await([&] { return directory->cameras() == 2; }));
   }

@@ -12,9 +12,9 @@
 namespace ridgecast::simulation {
 
 enum class Kind {
-  kFly,        // metres; who is away connects
-  kLose,       // the line; the server hears of it after so many milliseconds
-  kLeave,      // as kLose, and everything is forgotten
+  kFly,        // metres; who is away joins
+  kLose,       // the line, until it is back; the server hears of it after so many milliseconds
+  kLeave,      // as kLose, for good
   kMute,       // the line is dead, and its member notices after so many milliseconds
   kClock,      // is taken
   kStep,       // the clock

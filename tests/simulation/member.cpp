@@ -18,6 +18,10 @@ namespace ridgecast::simulation {
 
 using namespace std::chrono_literals;
 
+namespace {
+const std::string kLost = "lost";  // why requests have no answer
+}  // namespace
+
 Member::Member(std::string name, Server& server, Truth& truth, SimulatedTimer& timer, Random& random, const Nature& nature,
                lattice::Point near)
     : name_(std::move(name)),
@@ -41,34 +45,42 @@ Member::Member(std::string name, Server& server, Truth& truth, SimulatedTimer& t
 
 // ---- the line ----
 
-void Member::connect() {
-  const auto take = [this, number = ++connections_](const std::string& frame) {
-    if (line_ && number == connections_) hear(frame);
+void Member::join() {
+  client_.emplace(core::Url{.session = nature_.session}, nature_.hello, true, static_cast<std::uint32_t>(random_()));
+  threshold_ = nature_.hello.settings.threshold;
+  follower_ = {};
+  editor_.forget();
+  flush();
+}
+
+void Member::open() {
+  const auto take = [this, number = ++lines_](const std::string& frame) {
+    if (line_ && number == lines_) hear(frame);
   };
   const Duration entering = std::chrono::milliseconds(random_() % 2 == 0 ? 0 : random_() % 400);
   line_ = Line::open(server_, nature_.session, name_, timer_, nature_.way, take, entering);
-  if (!line_) return;  // the server does not run, makes the session, or has not yet noticed which lines are lost
-  wire::Hello hello = nature_.hello;
-  hello.editsAfter = editor_.followed();
-  conversation_.emplace(hello, name_ + "'s server");
-  threshold_ = hello.settings.threshold;
-  line_->say(conversation_->hello());
+  if (!line_) return ended();  // the server does not run, makes the session, or has not yet noticed which lines are lost
+  line_->say(client_->opened());
+}
+
+void Member::ended() {
+  ++lines_;
+  line_.reset();
+  leaving_ = false;
+  wakes_.reset();
+  editor_.lost();
+  client_->ended({kLost}, timer_.now());
+  EXPECT_FALSE(client_->otherWorld()) << name_;
+  if (client_->comesBack())
+    flush();
+  else
+    client_.reset();  // it has not seen its world yet
 }
 
 void Member::lose(Duration unheard) {
   if (!line_) return;
   line_->cut(unheard);
-  line_.reset();
-  editor_.lost();
-  conversation_->end({"lost"});
-  conversation_.reset();
-  leaving_ = false;
-  wakes_.reset();
-  said_ = {};
-  lastNumber_ = undigested_ = lastStepDone_ = stepAsked_ = edit_ = 0;
-  lastPose_ = sequence_;
-  settled_ = false;
-  questions_ = grounds_ = 0;
+  ended();
 }
 
 void Member::mute(Duration noticed) {
@@ -86,10 +98,22 @@ void Member::fall() {
   later(timer_.now() + nature_.way.delay + 2ms, [this] { lose({}); });
 }
 
-// One frame at a time, as a socket takes them.
+void Member::leave(Duration unheard) {
+  lose(unheard);
+  ++lines_;
+  ++lives_;
+  wakes_.reset();
+  client_.reset();
+  begun_ = thinks_ = false;
+}
+
+// A line when it is time for one; on it one frame at a time, as a socket takes them.
 void Member::flush() {
-  if (!line_ || leaving_) return;
-  while (const auto frame = conversation_->next(timer_.now())) {
+  if (!client_ || leaving_) return;
+  if (client_->dial(timer_.now())) return open();
+  while (line_) {
+    const auto frame = client_->next(timer_.now());
+    if (!frame) break;
     line_->say(*frame);
     if (nature_.leaving == Duration()) continue;
     leaving_ = true;
@@ -98,7 +122,7 @@ void Member::flush() {
       flush();
     });
   }
-  const std::optional<Time> due = conversation_->due();
+  const std::optional<Time> due = client_->due();
   if (!due || (wakes_ && *wakes_ <= *due)) return;
   wakes_ = due;
   later(*due, [this] {
@@ -108,8 +132,8 @@ void Member::flush() {
 }
 
 void Member::later(Time when, std::function<void()> act) {
-  timer_.at(when, [this, act = std::move(act), number = connections_] {
-    if (line_ && number == connections_) act();
+  timer_.at(when, [this, act = std::move(act), number = lines_] {
+    if (number == lines_) act();
   });
 }
 
@@ -118,23 +142,16 @@ void Member::say(const core::Wrong& wrong) {
   flush();
 }
 
-void Member::leave(Duration unheard) {
-  lose(unheard);
-  follower_ = {};
-  followed_ = false;
-  editor_.forget();
-}
-
 // ---- what it does ----
 
 void Member::pose() {
   settled_ = false;
   ++sequence_;
-  say(conversation_->send({sequence_, camera_, std::vector<std::uint8_t>(nature_.stateBytes, static_cast<std::uint8_t>(sequence_))}));
+  say(client_->send({sequence_, camera_, std::vector<std::uint8_t>(nature_.stateBytes, static_cast<std::uint8_t>(sequence_))}));
 }
 
 void Member::fly(double metres) {
-  if (!connected()) return;
+  if (!begun_) return;
   if (isLockstep() && sequence_ - lastPose_ >= 8) return;  // as a client does that waits for its iterations
   heading_ += static_cast<double>(random_() % 100) / 500 - 0.1;
   camera_.pose.yaw = heading_;
@@ -144,7 +161,7 @@ void Member::fly(double metres) {
 }
 
 void Member::insist() {
-  if (connected() && isLockstep() && lastPose_ == sequence_ && undigested_ == 0) pose();
+  if (connected() && isLockstep() && lastPose_ == sequence_ && !digests()) pose();
 }
 
 void Member::ask(bool much) {
@@ -170,9 +187,9 @@ void Member::ask(bool much) {
       }
   }
   ++questions_;
-  conversation_->ask(query, [this, query](const Outcome<wire::Answer>& answer) {
-    if (!answer && answer.error().message == "lost") return;
+  conversation().ask(query, [this, query](const Outcome<wire::Answer>& answer) {
     --questions_;
+    if (!answer && answer.error().message == kLost) return;
     ASSERT_TRUE(answer) << name_ << ": " << answer.error().message;
     truth_.answered(query, *answer);
     saw(answer->id);
@@ -184,9 +201,9 @@ void Member::askGround() {
   if (!connected() || grounds_ >= wire::kMaxGrounds + 2) return;
   const wire::AskGround ask{0, site_, 1 + static_cast<double>(random_() % 30), 0.2 + static_cast<double>(random_() % 20) / 10};
   ++grounds_;
-  conversation_->ask(ask, [this, ask](const Outcome<wire::Ground>& ground) {
-    if (!ground && ground.error().message == "lost") return;
+  conversation().ask(ask, [this, ask](const Outcome<wire::Ground>& ground) {
     --grounds_;
+    if (!ground && ground.error().message == kLost) return;
     if (!ground) {
       EXPECT_NE(ground.error().message.find("the camera's budget"), std::string::npos) << ground.error().message;
       return;
@@ -229,25 +246,25 @@ void Member::askMap() {
 }
 
 void Member::takeClock() {
-  if (connected() && nature_.hello.clock) say(conversation_->setClock({true, wire::ClockMode::kStepped, 0}));
+  if (connected() && nature_.hello.clock) say(conversation().setClock({true, wire::ClockMode::kStepped, 0}));
 }
 
 // The next step, when the last one is done; where nobody has the clock, it is taken first.
 void Member::step() {
   if (!connected() || !nature_.hello.clock) return;
-  const wire::Clock& said = conversation_->clock().said();
+  const wire::Clock& said = conversation().clock().said();
   if (said.owner == 0) return takeClock();
   if (said.owner != world().camera || said.mode != wire::ClockMode::kStepped || !said.waitsFor.empty() || stepAsked_ > said.step) return;
   stepAsked_ = said.step + 1;
-  say(conversation_->step({20'000, true}));
+  say(conversation().step({20'000, true}));
 }
 
 void Member::setThreshold(double pixels) {
-  if (!connected()) return;
+  if (!begun_) return;
   threshold_ = pixels;  // a mesh at rest that suits it stays as it is, and nothing but the grant comes
   wire::Settings settings = nature_.hello.settings;
   settings.threshold = pixels;
-  say(conversation_->change(settings));
+  say(client_->change(settings));
 }
 
 void Member::edit() {
@@ -275,34 +292,49 @@ void Member::undo(std::uint64_t edit) { editor_.ask({edits::Undo{edit}, 0}, say_
 // ---- what it sees ----
 
 void Member::hear(const std::string& frame) {
-  const bool wasConnected = connected();
-  const std::uint64_t members = conversation_->roster().version(), clock = conversation_->clock().version();
-  if (const core::Wrong wrong = conversation_->heard(testing_support::bytesOf(frame), timer_.now())) {
+  if (const core::Wrong wrong = client_->heard(testing_support::bytesOf(frame), timer_.now())) {
     EXPECT_NE(wrong->find("ran out of memory"), std::string::npos) << *wrong;
     return lose({});
   }
-  if (connected() && !wasConnected) greeted();
-  if (conversation_->roster().version() > members) lookAtMembers();
-  if (conversation_->clock().version() > clock) take(conversation_->clock().said());
-  while (const auto received = conversation_->receive()) take(received->iteration);
-  if (const auto edits = conversation_->takeEdits(); !edits.empty()) {
-    editor_.take(edits);
-    saw(editor_.followed());
-  }
+  look();
   flush();
 }
 
-void Member::greeted() {
-  if (!std::exchange(followed_, true)) follower_.follow({nature_.hello.points, world().shadedVertices, world().settings.triangleBudget});
+// As a program does that takes an iteration, works on it, and takes the next.
+void Member::look() {
+  if (!thinks_)
+    if (const auto received = conversation().receive()) take(received->iteration);
+  if (!thinks_ && client_->hasReturned()) {
+    client_->goOn(follower_.resume());
+    begin(sequence_ - 1);  // the newest pose was said again
+  }
+  if (!connected()) return;
+  if (!begun_) {
+    follower_.follow({nature_.hello.points, world().shadedVertices, world().settings.triangleBudget});
+    begin(sequence_);
+    pose();
+  }
+  if (const std::uint64_t version = conversation().roster().version(); std::exchange(membersSeen_, version) < version) lookAtMembers();
+  if (const std::uint64_t version = conversation().clock().version(); std::exchange(clockSeen_, version) < version)
+    take(conversation().clock().said());
+  if (const auto edits = conversation().takeEdits(); !edits.empty()) {
+    editor_.take(edits);
+    saw(editor_.followed());
+  }
+}
+
+void Member::begin(std::uint64_t lastPose) {
+  begun_ = true;
+  settled_ = false;
+  said_ = {};
+  lastNumber_ = lastStepDone_ = stepAsked_ = membersSeen_ = clockSeen_ = 0;
+  lastPose_ = lastPose;
   edit_ = world().edit;
-  for (const wire::Resume& held : follower_.resume()) say(conversation_->resume(held));
   editor_.connected(world(), say_);
-  pose();
 }
 
 void Member::take(const wire::Iteration& iteration) {
   EXPECT_EQ(iteration.number, ++lastNumber_) << name_;
-  EXPECT_LE(++undigested_, world().window) << name_ << ": more iterations than its window";
   EXPECT_LE(iteration.poseSequence, sequence_) << name_;
   if (isLockstep())
     EXPECT_EQ(iteration.poseSequence, lastPose_ + 1) << name_ << ": not one iteration for each pose";
@@ -312,22 +344,30 @@ void Member::take(const wire::Iteration& iteration) {
   EXPECT_GE(iteration.edit, edit_) << name_ << "'s ground goes back";
   edit_ = iteration.edit;
   truth_.knows(edit_);
-  later(timer_.now() + nature_.think, [this, iteration] { digest(iteration); });
+  thinks_ = true;
+  timer_.at(timer_.now() + nature_.think, [this, iteration, life = lives_] {
+    if (life == lives_) digest(iteration);
+  });
 }
 
+// Also when its line is lost meanwhile.
 void Member::digest(const wire::Iteration& iteration) {
-  --undigested_;
+  thinks_ = false;
   const replica::Follower::Answer answer = follower_.apply(iteration);
   EXPECT_FALSE(answer.wrong) << name_ << ": " << answer.wrong->message;
-  if (answer.resend) say(conversation_->resend(*answer.resend));
-  say(conversation_->acknowledge(answer.acknowledge));
   settled_ = iteration.settled && iteration.poseSequence == sequence_;
   saw(iteration.meshHash);
+  if (connected()) {
+    if (answer.resend) say(conversation().resend(*answer.resend));
+    say(conversation().acknowledge(answer.acknowledge));
+  }
+  look();
+  flush();
 }
 
 void Member::lookAtMembers() {
   EXPECT_TRUE(nature_.hello.members) << name_;
-  const auto& others = conversation_->roster().others();
+  const auto& others = conversation().roster().others();
   EXPECT_FALSE(others.contains(world().camera)) << name_ << " is told of itself";
   for (const auto& [camera, other] : others)
     if (other.heard == timer_.now() && other.member.moved) saw(camera ^ other.member.moved->pose.sequence << 32);
@@ -342,24 +382,24 @@ void Member::take(const wire::Clock& clock) {
     if (random_() % 8 != 0) step();  // and the next
   }
   const bool wasPassedOver = clock.notice.starts_with("Member " + std::to_string(world().camera) + " was passed over");
-  if (!wasPassedOver && (!conversation_->clock().waitsFor(world().camera) || clock.step <= lastStepDone_)) return;
+  if (!wasPassedOver && (!conversation().clock().waitsFor(world().camera) || clock.step <= lastStepDone_)) return;
   lastStepDone_ = clock.step;
   if (!wasPassedOver && random_() % 4 == 0) return;  // it forgets
-  say(conversation_->stepDone({clock.step}));
+  say(conversation().stepDone({clock.step}));
 }
 
 bool Member::rests(std::uint64_t edit) const {
-  return connected() && line_->isOpen() && questions_ == 0 && grounds_ == 0 && undigested_ == 0 && settled_ &&
-         conversation_->granted().threshold == threshold_ && edit_ == edit && !editor_.waits() && !poster_.waits() &&
+  return connected() && line_->isOpen() && questions_ == 0 && grounds_ == 0 && !digests() && settled_ &&
+         conversation().granted().threshold == threshold_ && edit_ == edit && !editor_.waits() && !poster_.waits() &&
          (!nature_.hello.edits || editor_.followed() == edit);
 }
 
 bool Member::knows(const session::Presence::State& state) const {
-  const wire::Clock& clock = conversation_->clock().said();
+  const wire::Clock& clock = conversation().clock().said();
   const auto isSame = [&](const auto field) { return clock.*field == state.clock.*field; };
   if (nature_.hello.clock && !(isSame(&wire::Clock::step) && isSame(&wire::Clock::owner) && isSame(&wire::Clock::waitsFor))) return false;
   if (!nature_.hello.members) return true;
-  const auto& others = conversation_->roster().others();
+  const auto& others = conversation().roster().others();
   return others.size() + 1 == state.members.size() && std::ranges::all_of(state.members, [&](const wire::Member& member) {
            if (member.camera == world().camera) return true;
            const auto known = others.find(member.camera);
@@ -395,7 +435,7 @@ void Member::judge(const terrain::Terrain& ground) const {
 void Member::judgeWait() const {
   poster_.judgeWait();
   const Duration most = nature_.hello.settings.bytesPerSecond == 0 ? 2s : 10s;
-  if (!line_ || !line_->isOpen() || undigested_ > 0 || timer_.now() - line_->quietFrom() <= most) return;
+  if (!line_ || !line_->isOpen() || digests() || timer_.now() - line_->quietFrom() <= most) return;
   EXPECT_TRUE(connected()) << name_ << " waits for the world";
   EXPECT_EQ(questions_, 0u) << name_ << " waits for an answer";
   EXPECT_EQ(grounds_, 0u) << name_ << " waits for a ground";
@@ -406,9 +446,9 @@ void Member::judgeWait() const {
 std::string Member::state() const {
   if (!connected()) return name_ + " is not connected";
   return name_ + ": pose " + std::to_string(sequence_) + ", iteration " + std::to_string(lastNumber_) + " for pose " +
-         std::to_string(lastPose_) + (settled_ ? ", settled" : "") + ", " + std::to_string(undigested_) + " undigested, " +
-         std::to_string(questions_) + " questions open, clock step " + std::to_string(conversation_->clock().said().step) + " of " +
-         std::to_string(conversation_->clock().said().owner);
+         std::to_string(lastPose_) + (settled_ ? ", settled" : "") + ", " + (digests() ? "some undigested, " : "") +
+         std::to_string(questions_) + " questions open, clock step " + std::to_string(conversation().clock().said().step) + " of " +
+         std::to_string(conversation().clock().said().owner);
 }
 
 }  // namespace ridgecast::simulation

@@ -1,5 +1,5 @@
 #pragma once
-// A member of a simulated session, honest: the client's own conversation and replica, without sockets and threads. It flies, asks, steps
+// A member of a simulated session, honest: the client's own conversations and replica, without sockets and threads. It flies, asks, steps
 // the clock when it has it, is slow, loses its line and comes back. What it sees is judged as it comes.
 
 #include <gtest/gtest.h>
@@ -11,7 +11,7 @@
 #include <random>
 #include <string>
 
-#include "client/core/conversation/conversation.h"
+#include "client/core/conversation/reconnector.h"
 #include "client/replica/follower.h"
 #include "tests/simulation/editor.h"
 #include "tests/simulation/line.h"
@@ -26,7 +26,7 @@ class Member {
   struct Nature {
     wire::Hello hello;
     Line::Way way;
-    Duration think{};            // between an iteration's arrival and its acknowledgement
+    Duration think{};            // about each iteration, before its acknowledgement
     Duration leaving{};          // of each frame that it sends: the next one waits so long
     std::size_t stateBytes = 0;  // of its own in each pose
     std::string session{session::kDefaultName};
@@ -36,12 +36,12 @@ class Member {
   Member(std::string name, Server& server, Truth& truth, SimulatedTimer& timer, Random& random, const Nature& nature, lattice::Point near);
   ~Member() { leave({}); }
 
-  // What it may do; nothing while it is not connected.
-  void connect();
-  void lose(Duration unheard);   // the line; the mesh is kept
+  // What it may do; nothing where it cannot.
+  void join();                   // with nothing
+  void lose(Duration unheard);   // the line; it comes back
   void mute(Duration noticed);   // the line is dead, and nobody knows
   void fall();                   // the server; it will notice
-  void leave(Duration unheard);  // and forgets all
+  void leave(Duration unheard);  // for good; what it holds can still be judged
   void fly(double metres);
   void insist();  // in lock-step: the same pose again, once the last one was answered
   void ask(bool much = false);
@@ -55,8 +55,8 @@ class Member {
   void stall(Duration time);      // it reads nothing
   void undo(std::uint64_t edit);  // until its answer has come
 
-  bool connected() const { return line_ && conversation_->hasWorld(); }
-  bool wantsToConnect() const { return !line_; }
+  bool connected() const { return client_ && !client_->lost() && conversation().hasWorld(); }
+  bool isAway() const { return !client_; }
   const std::string& session() const { return nature_.session; }
   bool isLockstep() const { return nature_.hello.pacing == wire::Pacing::kLockstep; }
   bool mayAsk() const { return connected() && !editor_.waits(); }
@@ -70,13 +70,19 @@ class Member {
   std::uint64_t history() const { return history_; }        // a hash of what it has seen
 
  private:
-  const wire::World& world() const { return conversation_->world(); }
+  core::Conversation& conversation() { return client_->conversation(); }
+  const core::Conversation& conversation() const { return client_->conversation(); }
+  const wire::World& world() const { return conversation().world(); }
+  void open();
+  void ended();
   void hear(const std::string& frame);
   void flush();                                      // what may leave now
-  void later(Time when, std::function<void()> act);  // while this connection lasts
+  void later(Time when, std::function<void()> act);  // while this line lasts, or none
   void say(const core::Wrong& wrong);
-  void greeted();
+  void look();  // at what has come
+  void begin(std::uint64_t lastPose);
   void take(const wire::Iteration& iteration);
+  bool digests() const { return thinks_ || conversation().hasIterations(); }
   void lookAtMembers();
   void take(const wire::Clock& clock);
   void digest(const wire::Iteration& iteration);
@@ -91,7 +97,7 @@ class Member {
   Random& random_;
   const Nature nature_;
   const Editor::Say say_ = [this](wire::Edit edit, Editor::Answered done) {
-    conversation_->ask(std::move(edit), [this, done = std::move(done)](const Outcome<wire::EditAnswer>& answer) {
+    conversation().ask(std::move(edit), [this, done = std::move(done)](const Outcome<wire::EditAnswer>& answer) {
       done(answer);
       if (answer) saw(answer->number);
     });
@@ -104,17 +110,22 @@ class Member {
   replica::Follower follower_;
   camera::Camera camera_;
   double heading_ = 0, threshold_ = 0;
-  std::uint64_t sequence_ = 0, history_ = 0, connections_ = 0;
-  bool followed_ = false;  // the first world has come
+  std::uint64_t sequence_ = 0, history_ = 0;
+  bool thinks_ = false;  // about an iteration
 
-  // Of the connection.
+  std::optional<core::Reconnector> client_;  // nothing: it is away
   std::shared_ptr<Line> line_;
-  std::optional<core::Conversation> conversation_;  // where there is a line
-  bool leaving_ = false;                            // a frame is
-  std::optional<Time> wakes_;                       // flush() will be called
-  wire::Clock said_;                                // about the time, before
-  std::uint64_t lastNumber_ = 0, lastPose_ = 0, undigested_ = 0, lastStepDone_ = 0, stepAsked_ = 0, edit_ = 0;
-  std::size_t questions_ = 0, grounds_ = 0;  // that have no answer
+  std::uint64_t lines_ = 0;    // begun and ended
+  std::uint64_t lives_ = 0;    // ended
+  bool leaving_ = false;       // a frame is
+  std::optional<Time> wakes_;  // flush() will be called
+
+  // Of the conversation.
+  bool begun_ = false;  // its world is there
+  wire::Clock said_;    // about the time, before
+  std::uint64_t lastNumber_ = 0, lastPose_ = 0, lastStepDone_ = 0, stepAsked_ = 0, edit_ = 0;
+  std::uint64_t membersSeen_ = 0, clockSeen_ = 0;  // versions
+  std::size_t questions_ = 0, grounds_ = 0;        // that have no answer
   bool settled_ = false;
 };
 

@@ -102,7 +102,7 @@ void World::rest() {
   for (int k = 0; k < 3000 && !testing::Test::HasFailure();) {
     bool rest = true, isIdle = true;
     for (const auto& member : members_) {
-      if (member->wantsToConnect()) member->connect();
+      if (member->isAway()) member->join();
       if (rests(*member)) continue;
       rest = false;
       isIdle = isIdle && knowsAll(*member);
@@ -125,7 +125,7 @@ void World::judgeEnd() {
   std::map<std::string, std::pair<std::uint64_t, std::uint64_t>> grounds;  // the hash, and the last edit
   for (const auto& [name, truth] : truths_)
     if (const auto session = server_->session(name)) grounds[name] = {layer(*session->terrain()).hash(), session->ground().edit};
-  for (const auto& member : members_) member->lose(between(0, 20));
+  for (const auto& member : members_) member->leave(between(0, 20));
   judgeEmptiness();
   fall(true);
   if (testing::Test::HasFailure()) return;
@@ -221,7 +221,7 @@ void World::act(const Event& event) {
   const auto time = std::chrono::milliseconds(event.amount);
   switch (event.kind) {
     case Kind::kFly:
-      return member.wantsToConnect() ? member.connect() : member.fly(static_cast<double>(event.amount));
+      return member.isAway() ? member.join() : member.fly(static_cast<double>(event.amount));
     case Kind::kLose:
       return member.lose(time);
     case Kind::kLeave:

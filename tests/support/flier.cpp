@@ -23,7 +23,7 @@ std::unique_ptr<replica::Client> connect(const std::string& url, const wire::Set
   hello.clientName = "ridgecast tests";
   hello.settings = settings;
   hello.pacing = pacing;
-  return orThrow(replica::Client::open(orThrow(connection::parseUrl(url)), hello, {.reconnects = false, .timeout = kTimeout}));
+  return orThrow(replica::Client::open(orThrow(core::parseUrl(url)), hello, {.reconnects = false, .timeout = kTimeout}));
 }
 
 wire::Iteration agreed(replica::Update&& update) {

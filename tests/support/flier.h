@@ -20,7 +20,7 @@ class Flier {
   Flier(const std::string& url, const wire::Settings& settings, wire::Pacing pacing = wire::Pacing::kLockstep);
 
   const wire::World& world() const { return client_->world(); }
-  connection::ReconnectingConnection& connection() { return client_->connection(); }
+  connection::Connection& connection() { return client_->connection(); }
   const scene::Scene& scene() const { return client_->scene(); }
 
   // One pose, sent and not waited for; its sequence.

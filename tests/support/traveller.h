@@ -22,7 +22,7 @@ class Traveller {
     wire::Hello hello;
     hello.clientName = "ridgecast tests";
     hello.settings = settings;
-    client_ = replica::Client::open(connection::parseUrl(url).value(), hello).value();
+    client_ = replica::Client::open(core::parseUrl(url).value(), hello).value();
   }
 
   void send(const camera::Camera& camera) {
@@ -53,7 +53,7 @@ class Traveller {
     return true;
   }
 
-  const connection::ReconnectingConnection& line() const { return client_->connection(); }
+  const connection::Connection& line() const { return client_->connection(); }
   const scene::Scene& scene() const { return client_->scene(); }
   bool agrees() const { return agrees_ && heardOf_ == line().reconnections() && !line().error(); }
   bool settled() const { return settled_ && heardOf_ == line().reconnections(); }

@@ -124,6 +124,12 @@ std::optional<Received> Conversation::receive() {
 
 std::vector<wire::MadeEdit> Conversation::takeEdits() { return std::exchange(edits_, {}); }
 
+std::uint64_t Conversation::forgetEdits() {
+  if (!edits_.empty()) lastEdit_ = edits_.front().number - 1;
+  edits_.clear();
+  return lastEdit_;
+}
+
 std::vector<wire::HeightTile> Conversation::takeTiles() {
   tilesOpen_ -= tiles_.size();
   return std::exchange(tiles_, {});
@@ -152,6 +158,7 @@ Wrong Conversation::take(wire::World&& world, const Frame& frame) {
   world_ = std::move(world);
   granted_ = world_.settings;
   lastEdit_ = std::max(lastEdit_, world_.compacted);
+  edit_ = world_.edit;
   hasWorld_ = true;
   if (hello_.clock && world_.revision >= 1) asksClock_ = frame.heard;
   return std::nullopt;
@@ -161,6 +168,7 @@ Wrong Conversation::take(wire::Iteration&& iteration, const Frame& frame) {
   if (iterations_.size() >= world_.window) return "sent more than the " + std::to_string(world_.window) + " iterations it may";
   if (waitingBytes_ + frame.bytes > wire::kMaxServerMessageBytes) return "sent more than 256 MiB of iterations that nobody has taken yet";
   waitingBytes_ += frame.bytes;
+  edit_ = std::max(edit_, iteration.edit);
   iterations_.push_back({.iteration = std::move(iteration), .bytes = frame.bytes});
   return std::nullopt;
 }
@@ -200,6 +208,7 @@ Wrong Conversation::take(wire::Edited&& edited, const Frame&) {
     if (!hello_.edits || made.number != lastEdit_ + 1) return "broke the protocol: edits that leave a gap, or that nobody wanted";
     if (edits_.size() >= kMaxMadeEdits) return "sent more than " + std::to_string(kMaxMadeEdits) + " edits that nobody has taken yet";
     lastEdit_ = made.number;
+    edit_ = std::max(edit_, made.number);
     edits_.push_back(std::move(made));
   }
   return std::nullopt;
@@ -217,6 +226,7 @@ Wrong Conversation::take(wire::Ground&& ground, const Frame&) {
   return outbox_.grounds.take(std::move(ground)) ? std::nullopt : Wrong("broke the protocol: a ground that was not requested");
 }
 Wrong Conversation::take(wire::EditAnswer&& answer, const Frame&) {
+  edit_ = std::max(edit_, answer.number);
   return outbox_.edits.take(std::move(answer)) ? std::nullopt : Wrong("broke the protocol: an answer to no edit");
 }
 

@@ -44,7 +44,7 @@ class Conversation {
   std::optional<std::string> next(Instant now);
   // When next() has a frame although nothing was said or heard.
   std::optional<Instant> due() const { return asksClock_; }
-  void end(const Error& why);  // to all requests that have no answer
+  void end(const Error& why);  // to all requests that have no answer, and those to come
 
   // ---- what is said: a sentence ends the conversation; nothing happens before the world is there ----
 
@@ -84,6 +84,8 @@ class Conversation {
   std::optional<Received> receive();
   static constexpr std::size_t kMaxMadeEdits = 1u << 20;  // that wait; one more is wrong
   std::vector<wire::MadeEdit> takeEdits();
+  std::uint64_t forgetEdits();                  // that wait; the number of the last before them
+  std::uint64_t edit() const { return edit_; }  // the newest that the server has spoken of
   std::vector<wire::HeightTile> takeTiles();
   EditsFound takeEditsFound();
 
@@ -124,7 +126,7 @@ class Conversation {
   std::size_t tilesOpen_ = 0, squaresOpen_ = 0, findsOpen_ = 0;  // requested and not taken; requested and not answered
   std::vector<wire::HeightTile> tiles_;
   EditsFound found_;
-  std::uint64_t lastEdit_ = 0;
+  std::uint64_t lastEdit_ = 0, edit_ = 0;
   std::vector<wire::MadeEdit> edits_;
   Roster roster_;
   SessionClock clock_;

@@ -29,6 +29,7 @@ class PendingRequests {
   PendingRequests(std::size_t atATime, std::size_t waiting) : atATime_(atATime), most_(waiting) {}
 
   void add(Request request, Done done) {
+    if (failed_) return done(*failed_);
     if (waiting_.size() >= most_) return done(Error{"more than " + std::to_string(most_) + " questions wait for the server"});
     request.id = ++last_;
     waiting_.emplace_back(std::move(request), std::move(done));
@@ -51,7 +52,9 @@ class PendingRequests {
       answered.mapped()(Error{std::move(reply.refusal)});
     return true;
   }
+  // All, and those to come.
   void fail(const Error& error) {
+    failed_ = error;
     for (auto& [id, done] : std::exchange(open_, {})) done(error);
     for (auto& [request, done] : std::exchange(waiting_, {})) done(error);
   }
@@ -61,6 +64,7 @@ class PendingRequests {
   std::uint64_t last_ = 0;
   std::deque<std::pair<Request, Done>> waiting_;
   std::map<std::uint64_t, Done> open_;
+  std::optional<Error> failed_;
 };
 
 class Outbox {

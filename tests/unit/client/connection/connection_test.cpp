@@ -3,12 +3,13 @@
 
 #include <gtest/gtest.h>
 
+#include <atomic>
 #include <chrono>
 #include <future>
+#include <memory>
 #include <stop_token>
 #include <thread>
 
-#include "client/connection/reconnecting.h"
 #include "common/wire/wire.h"
 #include "tests/support/waiting.h"
 #include "tests/unit/client/connection/raw_server.h"
@@ -149,7 +150,7 @@ struct Greeted {
         }) {
     wire::Hello hello;
     hello.pacing = pacing;
-    auto opened = Connection::open(at(server.port()), hello, kTimeout);
+    auto opened = Connection::open(at(server.port()), hello, {.reconnects = false, .timeout = kTimeout});
     EXPECT_TRUE(opened) << opened.error().message;
     if (opened) connection = std::move(*opened);
   }
@@ -173,7 +174,7 @@ TEST(Connection, SaysHelloAndHoldsTheWorld) {
     peer.drain();
   });
   const wire::Hello hello{.clientName = "a test", .settings = {wire::Metric::kPixels, 2, 3}, .pacing = wire::Pacing::kLockstep};
-  const auto connection = Connection::open(at(server.port()), hello, kTimeout);
+  const auto connection = Connection::open(at(server.port()), hello, {.reconnects = false, .timeout = kTimeout});
   ASSERT_TRUE(connection) << connection.error().message;
   EXPECT_EQ((*connection)->world().terrainName, "alpine");
   EXPECT_EQ((*connection)->world().window, 3u);
@@ -207,33 +208,33 @@ TEST(Connection, IterationsArriveInOrderAndAreCounted) {
   EXPECT_EQ(g.connection->bytesReceived(), bytes);
 }
 
-// A host that another one names gets no token, unless it is the one that the token was given for.
-TEST(Connection, ATokenStaysWithItsHost) {
-  for (const std::string host : {"localhost", "127.0.0.1"}) {
-    std::promise<std::string> second;
-    RawServer other([&](RawConnection& peer) {
-      second.set_value(peer.readHead());
-      peer.drain();
-    });
-    RawServer first([&](RawConnection& peer) {
-      peer.upgrade();
-      peer.readFrame();
-      peer.sendFrame(worldBytes());
-      peer.sendFrame(
-          wire::encode(wire::ServerMessage(wire::ErrorMessage{wire::ErrorCode::kGoingAway, "I go.", "ws://" + host + ":" + other.port()})));
-      peer.drain();
-    });
-    Url url = at(first.port());
-    url.token = "secret";
-    auto client = ReconnectingConnection::open(url, {}, [] { return std::vector<wire::Resume>(); }, {.timeout = kTimeout});
-    ASSERT_TRUE(client) << client.error().message;
-    auto head = second.get_future();
-    EXPECT_TRUE(testing_support::await([&] {
-      (void)(*client)->receive(1ms);
-      return head.wait_for(0ms) == std::future_status::ready;
-    }));
-    EXPECT_EQ(head.get().find("secret") == std::string::npos, host == "localhost") << host;
-    client->reset();
+TEST(Connection, PartsQuicklyWhileItIsLost) {
+  for (const bool someoneIsThere : {false, true}) {
+    std::promise<void> again;
+    std::atomic<int> peers = 0;
+    auto server = std::make_unique<RawServer>(
+        [&](RawConnection& peer) {
+          if (++peers > 1) {
+            again.set_value();
+            return peer.drain();  // it does not say a word
+          }
+          peer.upgrade();
+          peer.readFrame();
+          peer.sendFrame(worldBytes());
+        },
+        someoneIsThere ? 2 : 1);
+    auto connection = Connection::open(at(server->port()), {}, {.timeout = kTimeout});
+    ASSERT_TRUE(connection) << connection.error().message;
+    if (!someoneIsThere) server.reset();
+    EXPECT_TRUE(testing_support::await([&] { return (*connection)->error().has_value(); }));
+    std::this_thread::sleep_for(2 * core::Reconnector::kFirstPause);
+    EXPECT_EQ(peers, 1) << "it comes back for nobody";
+    EXPECT_FALSE((*connection)->receive(20ms));
+    if (someoneIsThere) again.get_future().wait();
+    EXPECT_FALSE((*connection)->ask({}).get());
+    const auto before = Clock::now();
+    connection->reset();
+    EXPECT_LT(Clock::now() - before, testing_support::measures() ? 1s : kTimeout);
   }
 }
 

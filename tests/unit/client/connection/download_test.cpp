@@ -27,7 +27,7 @@ class DownloadTest : public testing::Test {
   void TearDown() override { std::filesystem::remove_all(folder_); }
   Outcome<std::uint64_t> get(const std::string& port, const std::function<void(const Progress&)>& tell = {},
                              std::chrono::milliseconds patience = testing_support::kTimeout) {
-    Url url;
+    core::Url url;
     url.port = port;
     return download(url, "/v1/a?b=c", file_, patience, tell);
   }
@@ -107,7 +107,7 @@ TEST_F(DownloadTest, OtherRequestsAreAnsweredWhateverTheStatus) {
       c.send(answer);
       c.drain();
     });
-    Url url;
+    core::Url url;
     url.port = server.port();
     const auto got = request(url, "DELETE", "/v1/a", testing_support::kTimeout);
     ASSERT_TRUE(got) << got.error().message;
@@ -115,7 +115,7 @@ TEST_F(DownloadTest, OtherRequestsAreAnsweredWhateverTheStatus) {
     EXPECT_EQ(got->text, "No? no");
     EXPECT_THAT(head, testing::StartsWith("DELETE /v1/a HTTP/1.1\r\n"));
   }
-  Url url;
+  core::Url url;
   url.port = test::closedPort();
   EXPECT_FALSE(request(url, "DELETE", "/v1/a", testing_support::kTimeout));
 }

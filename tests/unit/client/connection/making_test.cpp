@@ -23,8 +23,8 @@ using Clock = std::chrono::steady_clock;
 using testing_support::kTimeout;
 
 // A session that the server has to make first.
-Url making(const std::string& port) {
-  Url url = at(port);
+core::Url making(const std::string& port) {
+  core::Url url = at(port);
   url.world = "terrain=slow&seed=2";
   return url;
 }
@@ -45,8 +45,8 @@ TEST(Connection, AWorldThatIsBeingMadeIsWaitedForAsLongAsTheServerSaysSo) {
     peer.drain();
   });
   std::atomic<std::size_t> words = 0;
-  const auto connection =
-      Connection::open(making(server.port()), {}, kTimeout, {.unheard = kTimeout, .heard = kTimeout, .preparing = [&] { ++words; }});
+  const auto connection = Connection::open(
+      making(server.port()), {}, {.timeout = kTimeout, .waiting = {.unheard = kTimeout, .heard = kTimeout, .preparing = [&] { ++words; }}});
   ASSERT_TRUE(connection) << connection.error().message;
   EXPECT_EQ((*connection)->world().seed, 3u);
   EXPECT_EQ(words, kWord.size() / 9 + 1 + 3);

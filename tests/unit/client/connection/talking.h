@@ -13,7 +13,7 @@
 
 namespace ridgecast::connection {
 
-inline Url at(const std::string& port) { return {.host = "127.0.0.1", .port = port, .session = "default"}; }
+inline core::Url at(const std::string& port) { return {.host = "127.0.0.1", .port = port, .session = "default"}; }
 
 inline std::string worldBytes(std::uint32_t window = 3, std::uint32_t version = wire::kProtocolVersion,
                               std::uint32_t revision = wire::kRevision) {
@@ -31,8 +31,9 @@ inline std::string worldBytes(std::uint32_t window = 3, std::uint32_t version = 
                                                       .revision = revision}));
 }
 
-inline std::string errorOf(const Url& url, std::chrono::milliseconds patience = testing_support::kTimeout, const Waiting& waiting = {}) {
-  const auto connection = Connection::open(url, {}, patience, waiting);
+inline std::string errorOf(const core::Url& url, std::chrono::milliseconds patience = testing_support::kTimeout,
+                           const Waiting& waiting = {}) {
+  const auto connection = Connection::open(url, {}, {.timeout = patience, .waiting = waiting});
   EXPECT_FALSE(connection);
   return connection ? "" : connection.error().message;
 }

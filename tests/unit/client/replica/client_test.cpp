@@ -23,7 +23,7 @@ using test::RawConnection;
 using test::RawServer;
 using testing_support::kTimeout;
 
-connection::Url at(const RawServer& server) { return {.host = "127.0.0.1", .port = server.port(), .session = "default"}; }
+core::Url at(const RawServer& server) { return {.host = "127.0.0.1", .port = server.port(), .session = "default"}; }
 
 void greet(RawConnection& peer, std::uint64_t contentHash) {
   peer.upgrade();

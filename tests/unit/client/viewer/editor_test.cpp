@@ -29,7 +29,7 @@ using test::RawServer;
 using testing_support::await;
 using testing_support::kTimeout;
 
-connection::Url at(const RawServer& server, const std::string& token = "") {
+core::Url at(const RawServer& server, const std::string& token = "") {
   return {.host = "127.0.0.1", .port = server.port(), .session = "default", .token = token};
 }
 

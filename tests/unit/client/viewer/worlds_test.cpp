@@ -54,7 +54,7 @@ TEST(Worlds, ARefusalIsTheServersOwnSentence) {
     c.send("HTTP/1.1 403 Forbidden\r\nContent-Length: 9\r\n\r\nno token\n");
     c.drain();
   });
-  connection::Url url;
+  core::Url url;
   url.port = server.port();
   WorldsQuestion question(url);
   const auto answer = answerTo(question);
@@ -67,7 +67,7 @@ TEST(Worlds, AServerThatSaysNothingHoldsNobodyUp) {
     c.readHead();
     c.drain();
   });
-  connection::Url url;
+  core::Url url;
   url.port = server.port();
   WorldsQuestion question(url);
   EXPECT_FALSE(question.take());

@@ -1,3 +1,5 @@
+#include "client/core/conversation/url.h"
+
 #include <strings.h>
 
 #include <algorithm>
@@ -5,10 +7,9 @@
 #include <string>
 #include <tuple>
 
-#include "client/connection/connection.h"
 #include "common/wire/wire.h"
 
-namespace ridgecast::connection {
+namespace ridgecast::core {
 namespace {
 
 constexpr std::size_t kMaxUrlBytes = 2048;
@@ -83,6 +84,8 @@ const char* parseQuery(std::string_view query, Url& url) {
 
 }  // namespace
 
+std::string Url::where() const { return (host.find(':') == std::string::npos ? host : "[" + host + "]") + ":" + port; }
+
 Outcome<Url> parseUrl(std::string_view text) {
   Url url;
   if (text.empty()) return url;
@@ -97,4 +100,4 @@ Outcome<Url> parseUrl(std::string_view text) {
   return url;
 }
 
-}  // namespace ridgecast::connection
+}  // namespace ridgecast::core

@@ -1,8 +1,8 @@
 #include <gtest/gtest.h>
 
-#include "client/connection/connection.h"
+#include "client/core/conversation/url.h"
 
-namespace ridgecast::connection {
+namespace ridgecast::core {
 namespace {
 
 TEST(Url, Table) {
@@ -79,4 +79,4 @@ TEST(Url, SaysWhatIsWrong) {
 }
 
 }  // namespace
-}  // namespace ridgecast::connection
+}  // namespace ridgecast::core

@@ -1,0 +1,96 @@
+#include "client/core/conversation/reconnector.h"
+
+#include <algorithm>
+#include <cassert>
+#include <utility>
+
+namespace ridgecast::core {
+
+Reconnector::Reconnector(Url url, wire::Hello hello, bool reconnects, std::uint32_t random)
+    : url_(std::move(url)), target_(url_), hello_(std::move(hello)), reconnects_(reconnects), current_(begin(url_)), random_(random) {}
+
+std::unique_ptr<Conversation> Reconnector::begin(const Url& with) const {
+  return std::make_unique<Conversation>(hello_, "the server at " + with.where());
+}
+
+// ---- the line ----
+
+std::optional<Url> Reconnector::dial(Instant now) {
+  if (hasLine_ || now < next_ || (lost_ && !comesBack())) return std::nullopt;
+  hasLine_ = true;
+  if (lost_) {
+    coming_ = begin(target_);
+    asked_ = hello_.settings;
+  }
+  return target_;
+}
+
+Wrong Reconnector::heard(std::span<const std::uint8_t> frame, Instant now) {
+  const bool wasGreeted = isGreeted();
+  if (Wrong wrong = ofLine().heard(frame, now)) return wrong;
+  if (wasGreeted || !isGreeted() || !coming_) return std::nullopt;
+  const wire::World &before = current_->world(), &after = coming_->world();
+  otherWorld_ = after.contentHash != before.contentHash || after.edit < current_->edit();
+  if (!otherWorld_) return std::nullopt;
+  return after.contentHash != before.contentHash ? "the server has another world now" : "the server has lost edits of this world";
+}
+
+std::optional<Reconnector::Instant> Reconnector::due() const {
+  if (hasLine_) return ofLine().due();
+  return lost_ && !comesBack() ? std::nullopt : std::optional(next_);
+}
+
+void Reconnector::ended(const Error& why, Instant now) {
+  assert(hasLine_);
+  hasLine_ = false;
+  lost_ = why;
+  target_ = url_;
+  ofLine().end(why);
+  if (const auto& sentTo = ofLine().sentTo(); sentTo && !sentTo->empty()) follow(*sentTo);
+  if (!coming_) hello_.editsAfter = current_->forgetEdits();
+  coming_.reset();
+  const auto half = static_cast<unsigned>(pause_.count() / 2);
+  next_ = now + std::chrono::milliseconds(half + random_() % (half + 1));
+  pause_ = std::min(2 * pause_, kLongestPause);
+}
+
+void Reconnector::follow(const std::string& sentTo) {
+  const auto other = parseUrl(sentTo);
+  if (!other || (url_.secure && !other->secure)) return;  // a token and a mesh that were encrypted stay so
+  target_.host = other->host;
+  target_.port = other->port;
+  target_.secure = other->secure;
+  if (other->host != url_.host) target_.token.clear();  // given for the server that the user named
+}
+
+// ---- the owner ----
+
+Wrong Reconnector::send(const wire::PoseMessage& pose) {
+  pose_ = pose;
+  return lost_ ? std::nullopt : current_->send(pose);
+}
+
+Wrong Reconnector::change(const wire::Settings& settings) {
+  hello_.settings = settings;
+  return lost_ ? std::nullopt : current_->change(settings);
+}
+
+Wrong Reconnector::skipSteps(bool skips) {
+  skipsSteps_ = skips;
+  return lost_ ? std::nullopt : current_->skipSteps(skips);
+}
+
+void Reconnector::goOn(const std::vector<wire::Resume>& held) {
+  assert(hasReturned());
+  bytesBefore_ += current_->bytes();
+  current_ = std::move(coming_);
+  lost_.reset();
+  ++reconnections_;
+  // Nothing was said before, so there is room for all of these.
+  if (hello_.settings != asked_) current_->change(hello_.settings);
+  for (const wire::Resume& leaves : held) current_->resume(leaves);
+  current_->skipSteps(skipsSteps_);
+  if (pose_) current_->send(*pose_);
+}
+
+}  // namespace ridgecast::core

@@ -1,0 +1,86 @@
+#pragma once
+// Conversations with one server, one after another: where one has ended another begins after a pause. The pause grows until an iteration was
+// applied, and is random, so that a thousand clients do not come back at once. The server may have been started again, or may have sent us to
+// another one. As Conversation, it has no socket, thread or clock, and is not thread-safe.
+//
+// Its owner goes on with the next conversation by goOn(): until then the one that ended stays, with what came before its end. Requests and
+// news of an earlier one are void: begin again where reconnections() has grown.
+
+#include <chrono>
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <random>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "client/core/conversation/conversation.h"
+#include "client/core/conversation/url.h"
+
+namespace ridgecast::core {
+
+class Reconnector {
+ public:
+  using Instant = Conversation::Instant;
+  static constexpr std::chrono::milliseconds kFirstPause{50}, kLongestPause{2000};  // each is taken times 0.5 to 1
+
+  // Where it does not reconnect, the first loss is the end; so it is before the first world. `random` seeds the pauses.
+  Reconnector(Url url, wire::Hello hello, bool reconnects, std::uint32_t random);
+
+  // ---- the line, one at a time ----
+
+  // Where one must be opened now; what follows is opened() or ended().
+  std::optional<Url> dial(Instant now);
+  std::string opened() const { return ofLine().hello(); }  // the first frame
+  bool isGreeted() const { return ofLine().hasWorld(); }
+  // As Conversation's, of the line's.
+  Wrong heard(std::span<const std::uint8_t> frame, Instant now);
+  std::optional<std::string> next(Instant now) { return ofLine().next(now); }
+  std::optional<Instant> due() const;  // also of dial()
+  void ended(const Error& why, Instant now);
+
+  // ---- the owner ----
+
+  Conversation& conversation() { return *current_; }
+  const Conversation& conversation() const { return *current_; }
+  // Also what later conversations begin with.
+  Wrong send(const wire::PoseMessage& pose);
+  Wrong change(const wire::Settings& settings);
+  Wrong skipSteps(bool skips);
+  // An iteration was, without an error: the next loss is a new one.
+  void applied() { pause_ = kFirstPause; }
+
+  const std::optional<Error>& lost() const { return lost_; }  // why there is no conversation at the moment
+  // The server came back with another world, or without edits that were heard of: what is held is of no use there, and no further attempt is
+  // made.
+  bool otherWorld() const { return otherWorld_; }
+  bool comesBack() const { return reconnects_ && !otherWorld_ && current_->hasWorld(); }  // where it is lost
+  // The next conversation has its world, and all that came before is taken.
+  bool hasReturned() const { return coming_ && coming_->hasWorld() && !current_->hasIterations(); }
+  // Says first which leaves are `held`, then the newest pose.
+  void goOn(const std::vector<wire::Resume>& held);
+  std::uint64_t reconnections() const { return reconnections_; }
+  std::uint64_t bytes() const { return bytesBefore_ + current_->bytes(); }  // that were received
+
+ private:
+  std::unique_ptr<Conversation> begin(const Url& with) const;
+  Conversation& ofLine() const { return coming_ ? *coming_ : *current_; }
+  void follow(const std::string& sentTo);
+
+  const Url url_;
+  Url target_;  // where a server that left has sent us, and, when nobody is there, where we came from
+  wire::Hello hello_;
+  const bool reconnects_;
+  bool hasLine_ = false, otherWorld_ = false, skipsSteps_ = false;
+  std::unique_ptr<Conversation> current_, coming_;  // coming_: from dial() to goOn(), but for the first
+  wire::Settings asked_;                            // when coming_ began
+  std::optional<wire::PoseMessage> pose_;
+  std::optional<Error> lost_;
+  Instant next_{};  // dial()
+  std::chrono::milliseconds pause_ = kFirstPause;
+  std::minstd_rand random_;
+  std::uint64_t bytesBefore_ = 0, reconnections_ = 0;
+};
+
+}  // namespace ridgecast::core
