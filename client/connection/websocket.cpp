@@ -15,6 +15,7 @@
 #include <boost/beast/websocket.hpp>
 
 #include "client/connection/dial.h"
+#include "common/outcome/contract.h"
 #include "common/text/text.h"
 #include "common/transport/channel.h"
 #include "common/wire/wire.h"
@@ -59,6 +60,7 @@ struct WebSocket::Impl {
   // ---- the way to the upgrade ----
 
   void begin() {
+    if (state_ == State::kEnded) return;
     limit(timeout_);
     dial(url_, resolver_, channel(), dialing_, [this](std::optional<std::string> wrong) {
       if (state_ != State::kEnded) wrong ? end(std::move(*wrong)) : upgrade();
@@ -150,8 +152,10 @@ struct WebSocket::Impl {
   }
 
   void send(std::string frame) {
+    expects(frame_.empty() && !frame.empty(), "one frame leaves at a time");
     frame_ = std::move(frame);
     socket_.async_write(net::buffer(frame_), [this](error_code e, std::size_t) {
+      frame_.clear();
       // A failed write is followed by a failed read, which knows better why: a server that refuses says so before it closes.
       if (!e && state_ != State::kEnded) listener_.sent();
     });
@@ -218,6 +222,7 @@ void WebSocket::post(std::function<void()> work) { net::post(impl_->context_, st
 void WebSocket::send(std::string frame) { impl_->send(std::move(frame)); }
 
 void WebSocket::greeted() {
+  expects(impl_->state_ == Impl::State::kGreeting, "a stream is greeted once");
   impl_->state_ = Impl::State::kStreaming;
   impl_->timer_.cancel();
 }

@@ -1,11 +1,11 @@
 #include "client/evaluation/missing.h"
 
 #include <algorithm>
-#include <cassert>
 #include <cmath>
 #include <vector>
 
 #include "common/lattice/lattice.h"
+#include "common/outcome/contract.h"
 
 namespace ridgecast::evaluation {
 namespace {
@@ -21,7 +21,8 @@ bool differ(const float* a, const float* b) {
 std::vector<std::uint32_t> silhouettes(std::size_t width, std::size_t height, std::span<const float> mesh, std::span<const float> march,
                                        std::size_t samples) {
   const std::size_t border = kSimilarityWindow - 1, columns = width + border, rows = height + border;
-  assert(mesh.size() == march.size() && mesh.size() == 4 * columns * rows * samples * samples);
+  expects(mesh.size() == march.size() && mesh.size() == 4 * columns * rows * samples * samples,
+          "pictures that are compared have the same size");
   std::vector<bool> differs(columns * rows, false);
   for (std::size_t y = 0; y < rows; ++y)
     for (std::size_t x = 0; x < columns; ++x)
@@ -36,7 +37,8 @@ std::vector<std::uint32_t> silhouettes(std::size_t width, std::size_t height, st
 
 Missing missingOf(const SimilarityMap& mesh, const SimilarityMap& corrected, const SimilarityMap& finer, std::span<const float> meshSamples,
                   std::span<const float> marchSamples, std::size_t samples) {
-  assert(mesh.values.size() == corrected.values.size() && mesh.values.size() == finer.values.size());
+  expects(mesh.values.size() == corrected.values.size() && mesh.values.size() == finer.values.size(),
+          "pictures that are compared have the same size");
   const std::vector<std::uint32_t> edge = silhouettes(mesh.width, mesh.height, meshSamples, marchSamples, samples);
   Missing out;
   for (std::size_t k = 0; k < edge.size(); ++k) {

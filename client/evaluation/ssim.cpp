@@ -2,9 +2,10 @@
 
 #include <algorithm>
 #include <array>
-#include <cassert>
 #include <cmath>
 #include <cstddef>
+
+#include "common/outcome/contract.h"
 
 namespace ridgecast::evaluation {
 namespace {
@@ -67,7 +68,8 @@ std::vector<std::uint32_t> setInWindows(const std::vector<bool>& pixels, std::si
 }
 
 SimilarityMap similarityMap(const render::Picture& picture, const render::Picture& reference) {
-  assert(picture.width == reference.width && picture.height == reference.height && picture.width >= kWindow && picture.height >= kWindow);
+  expects(picture.width == reference.width && picture.height == reference.height, "pictures that are compared have the same size");
+  expects(picture.width >= kWindow && picture.height >= kWindow, "a picture holds the window of the measure");
   const std::size_t width = picture.width, height = picture.height;
   const std::vector<double> a = luma(picture), b = luma(reference);
   const std::vector<double> meanA = windowMeans(a, nullptr, width, height), meanB = windowMeans(b, nullptr, width, height);

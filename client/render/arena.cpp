@@ -2,6 +2,8 @@
 
 #include <iterator>
 
+#include "common/outcome/contract.h"
+
 namespace ridgecast::render {
 
 std::optional<std::size_t> Arena::take(std::size_t size) {
@@ -17,8 +19,10 @@ std::optional<std::size_t> Arena::take(std::size_t size) {
 }
 
 void Arena::giveBack(std::size_t start, std::size_t size) {
+  expects(size <= used_, "what is given back was taken");
   used_ -= size;
   auto after = free_.lower_bound(start);
+  expects(after == free_.end() || start + size <= after->first, "what is given back was not free");
   if (after != free_.end() && after->first == start + size) {
     size += after->second;
     after = free_.erase(after);

@@ -13,6 +13,7 @@
 
 #include "common/codec/codec.h"
 #include "common/mesh/leaf_mesh.h"
+#include "common/outcome/contract.h"
 #include "common/wire/wire.h"
 
 namespace ridgecast::scene {
@@ -276,6 +277,7 @@ Outcome<Scene::Prepared> Scene::decode(const wire::Iteration& iteration) {
 
 void Scene::make(HeldLeaf& leaf, const lattice::LeafAddress& address) const {
   if (leaf.mesh) return;
+  expects(points_ != nullptr, "a leaf without a mesh is made of points");
   PointMesh::Leaf made = points_->extract(address);
   hold(leaf, std::move(made.mesh));
   if (following_.shades) leaf.shades = std::make_shared<const Shades>(std::move(made.shades));
@@ -295,6 +297,7 @@ const HeldLeaf* Scene::leaf(const lattice::LeafAddress& address) const {
 }
 
 void Scene::take(Prepared&& prepared) {
+  expects(iteration_ == 0 || prepared.number == iteration_ + 1, "what is taken was prepared for this scene");
   ++version_;
   for (const lattice::LeafAddress& address : prepared.gone) leaves_.erase(address);
   for (auto& [address, leaf] : prepared.fresh) {

@@ -4,10 +4,10 @@
 #include <GLFW/glfw3.h>
 
 #include <algorithm>
-#include <cassert>
 #include <cmath>
 
 #include "common/keys/keys.h"
+#include "common/outcome/contract.h"
 
 namespace ridgecast::viewer {
 namespace {
@@ -52,7 +52,7 @@ Devices::Stroke Devices::strokeNamed(const std::string& name) {
   if (name == "Esc") return {GLFW_KEY_ESCAPE};
   if (name == "Enter") return {GLFW_KEY_ENTER};
   if (name.size() > 1 && name.front() == 'F') return {GLFW_KEY_F1 - 1 + std::stoi(name.substr(1))};
-  assert(name.size() == 1);
+  expects(name.size() == 1, "a key that is typed has one letter");
   return {name.front()};  // GLFW's numbers of letters and digits are those of ASCII
 }
 

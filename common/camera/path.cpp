@@ -11,6 +11,7 @@
 
 #include <nlohmann/json.hpp>
 
+#include "common/outcome/contract.h"
 #include "common/text/text.h"
 
 namespace ridgecast::camera {
@@ -212,6 +213,7 @@ Outcome<Path> readPath(const std::filesystem::path& file) {
 
 Pose poseAt(const Path& path, double t, const GroundHeight& ground) {
   const std::vector<Keyframe>& keys = path.keyframes;
+  expects(!keys.empty(), "a path has a keyframe");
   if (!(t > keys.front().t) || t >= keys.back().t) {
     const Keyframe& key = t >= keys.back().t ? keys.back() : keys.front();
     return {.x = key.x, .z = key.z, .remainderX = 0, .remainderZ = 0, .y = absoluteHeight(ground, key), .yaw = key.yaw, .pitch = key.pitch};

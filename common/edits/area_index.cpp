@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <bit>
 
+#include "common/outcome/contract.h"
+
 namespace ridgecast::edits {
 
 int AreaIndex::sizeOf(const Posts& area) {
@@ -11,6 +13,7 @@ int AreaIndex::sizeOf(const Posts& area) {
 }
 
 void AreaIndex::add(std::uint32_t edit, const Posts& area) {
+  expects(!area.empty(), "an edit that is filed has an area");
   const int size = sizeOf(area), bits = kLeastBits + size;
   const CellAddress cell{area.x0 >> bits, area.z0 >> bits};
   const auto narrow = [](std::int64_t v) { return static_cast<std::uint16_t>(v); };
@@ -22,8 +25,11 @@ void AreaIndex::remove(std::uint32_t edit, const Posts& area) {
   const int size = sizeOf(area), bits = kLeastBits + size;
   Cells& cells = sizes_.at(static_cast<std::size_t>(size));
   const auto cell = cells.find({area.x0 >> bits, area.z0 >> bits});
+  expects(cell != cells.end(), "an edit that is taken out was filed");
   std::vector<Filed>& filed = cell->second;
-  filed.erase(std::prev(std::find_if(filed.rbegin(), filed.rend(), [edit](const Filed& f) { return f.edit == edit; }).base()));
+  const auto last = std::find_if(filed.rbegin(), filed.rend(), [edit](const Filed& f) { return f.edit == edit; });
+  expects(last != filed.rend(), "an edit that is taken out was filed");
+  filed.erase(std::prev(last.base()));
   if (filed.empty()) cells.erase(cell);
 }
 

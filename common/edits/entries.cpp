@@ -1,11 +1,11 @@
 #include "common/edits/entries.h"
 
-#include <cassert>
+#include "common/outcome/contract.h"
 
 namespace ridgecast::edits {
 
 std::string_view Entries::packed(std::size_t k) const {
-  assert(k < size_);
+  expects(k < size_, "an edit that is read is there");
   const Block& block = blockOf(k);
   const std::size_t begin = block.begin(k % kBlock);
   return std::string_view(block.bytes).substr(begin, block.ends[k % kBlock] - begin);
@@ -23,7 +23,7 @@ void Entries::add(std::string_view packed, std::uint32_t undos) {
 }
 
 void Entries::removeLast() {
-  assert(size_ > 0);
+  expects(size_ > 0, "there is an edit to remove");
   --size_;
   if (size_ / kBlock + 1 < blocks_.size()) blocks_.pop_back();
   Block& block = blockOf(size_);

@@ -1,12 +1,12 @@
 #include "common/edits/history.h"
 
 #include <algorithm>
-#include <cassert>
 #include <utility>
 
 #include "common/edits/draft.h"
 #include "common/edits/edited_terrain.h"
 #include "common/edits/packed.h"
+#include "common/outcome/contract.h"
 
 namespace ridgecast::edits {
 namespace {
@@ -105,7 +105,7 @@ Turns History::making(Operation operation, std::uint64_t mostUndoPosts, Outcome<
     result = fits.error();
     co_return;
   }
-  assert(before == last_ && "no other edit meanwhile");
+  expects(before == last_, "edits are made one after the other");
   result = made.changed;
   commit(operation, std::move(made));
   work_ += kPostsOfEdit + (undo ? 0 : looked_ - looked);
@@ -136,6 +136,7 @@ void History::file(std::uint64_t edit, const Operation& operation) {
 void History::takeBack(std::shared_ptr<const Layer> before) {
   const Operation last = operation(last_);
   if (const Posts area = areaOf(last); !area.empty()) indexFor(last).remove(static_cast<std::uint32_t>(last_ - compacted_), area);
+  expects(last_ > compacted_, "an edit that is taken back is there");
   entries_.removeLast();
   --last_;
   std::uint64_t right = last_;  // the last edit whose ground is in a checkpoint as it is now
@@ -146,6 +147,7 @@ void History::takeBack(std::shared_ptr<const Layer> before) {
 }
 
 void History::restore(std::uint64_t compacted, std::uint64_t last, std::shared_ptr<const Layer> layer, Read read) {
+  expects(compacted <= last, "compacted edits are no more than all");
   *this = History(std::move(terrain_), mostBytes_);
   compacted_ = compacted;
   last_ = last;

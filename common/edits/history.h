@@ -25,6 +25,7 @@
 #include "common/edits/layer.h"
 #include "common/edits/operation.h"
 #include "common/edits/turns.h"
+#include "common/outcome/contract.h"
 #include "common/outcome/outcome.h"
 #include "common/terrain/terrain.h"
 
@@ -113,7 +114,10 @@ class History {
     std::vector<std::uint32_t> again;  // the edits that are made again, counted from `compacted_`
     std::uint64_t cost = 0;            // posts, of finding these and of what is to come
   };
-  std::size_t indexOf(std::uint64_t edit) const { return edit - 1 - (last_ - entries_.size()); }
+  std::size_t indexOf(std::uint64_t edit) const {
+    expects(edit > last_ - entries_.size() && edit <= last_, "an edit that is asked for is in the history");
+    return edit - 1 - (last_ - entries_.size());
+  }
   bool counts(std::uint64_t edit) const { return entries_.undos(indexOf(edit)) == 0; }
   Turns making(Operation operation, std::uint64_t mostUndoPosts, Outcome<Posts>& result);
   Turns preparing(Operation& operation, Outcome<void>& fits);

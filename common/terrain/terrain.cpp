@@ -2,10 +2,10 @@
 
 #include <algorithm>
 #include <array>
-#include <cassert>
 #include <cmath>
 #include <utility>
 
+#include "common/outcome/contract.h"
 #include "common/terrain/embedded.h"
 #include "common/terrain/variants.h"
 
@@ -36,7 +36,7 @@ class BuiltIn final : public Terrain {
  public:
   BuiltIn(std::size_t index, std::uint32_t seed, Parameters parameters)
       : index_(index), seed_(seed), parameters_(std::move(parameters)), functions_(variants().back().terrain[index]) {
-    assert(parameters_.values.empty() || parameters_.values.size() == kBuiltIn[index].parameters);
+    expects(parameters_.values.empty() || parameters_.values.size() == kBuiltIn[index].parameters, "a terrain has all its parameters");
   }
   std::string_view name() const override { return kBuiltIn[index_].name; }
   std::string_view source() const override { return parameters_.values.empty() ? kBuiltIn[index_].source : parameters_.source; }
@@ -49,7 +49,8 @@ class BuiltIn final : public Terrain {
     };
   }
   void heights(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out) const override {
-    functions_.heights(x.data(), z.data(), out.data(), std::min({x.size(), z.size(), out.size()}), seed_, orNull(parameters_.values));
+    expects(x.size() == out.size() && z.size() == out.size(), "each place has its height");
+    functions_.heights(x.data(), z.data(), out.data(), out.size(), seed_, orNull(parameters_.values));
   }
 
  private:
@@ -75,6 +76,7 @@ std::span<const Variant> variants() {
 }
 
 void Terrain::heightSteps(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<std::int32_t> out) const {
+  expects(x.size() == out.size() && z.size() == out.size(), "each place has its height");
   std::array<float, 256> metres;
   for (std::size_t begin = 0; begin < out.size(); begin += metres.size()) {
     const std::size_t n = std::min(metres.size(), out.size() - begin);

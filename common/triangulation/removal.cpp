@@ -1,7 +1,7 @@
 // Removal of a vertex: its star is a star-shaped cavity, filled by giving each base edge the corner whose circle is empty.
 #include <algorithm>
-#include <cassert>
 
+#include "common/outcome/contract.h"
 #include "common/triangulation/triangulation.h"
 
 namespace ridgecast::triangulation {
@@ -20,7 +20,7 @@ bool Triangulation::collectStar(VertexId v, WriteSet& set) const {
     const TriangleId t = h >> 2;
     if (!set.allows(triangles_.regionOf(t)) || !set.allows(triangles_.regionOf(back >> 2))) return false;
     back = next(twin(back));
-    assert(origin(h) == v);
+    expects(origin(h) == v, "a star is walked around its vertex");
     const HalfEdge opposite = next(h), outer = twin(opposite);
     if (!set.allows(triangles_.regionOf(outer >> 2))) return false;
     set.cavity_.push_back(t);
@@ -77,7 +77,7 @@ void Triangulation::fillStar(WriteSet& set) const {
       }
       if (best == j) best = infinite;  // nothing to the left of the base: it is a hull edge now
     }
-    assert(best != j);
+    expects(best != j, "a base has a corner beyond it");
     RegionId region = kOutside;
     if ((a != kInfinite) & (c != kInfinite) & (boundary[best].from != kInfinite))
       region = regionOfSum(link[i].x + link[best].x + link[j].x, link[i].z + link[best].z + link[j].z, home);
@@ -89,7 +89,7 @@ void Triangulation::fillStar(WriteSet& set) const {
 }
 
 Change Triangulation::plan(VertexId v, WriteSet& set) const {
-  assert(v != kInfinite);
+  expects(v != kInfinite, "infinity stays");
   if (!set.allows(vertices_.regionOf(v)) || !collectStar(v, set)) return Change::kDeferred;
   auto& boundary = set.boundary_;
   // The first base should be finite, so that "nothing to its left" has a meaning.

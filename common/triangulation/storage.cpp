@@ -4,8 +4,9 @@
 #include <sys/mman.h>
 #endif
 
-#include <cassert>
 #include <utility>
+
+#include "common/outcome/contract.h"
 
 namespace ridgecast::triangulation {
 
@@ -45,7 +46,7 @@ RegionId Pages<N>::addRegion() {
 
 template <std::uint32_t N>
 void Pages<N>::removeRegion(RegionId region) {
-  assert(region != kOutside && regions_[region] && regions_[region]->pages.empty());
+  expects(region != kOutside && regions_[region] && regions_[region]->pages.empty(), "a region that is removed is empty");
   regions_[region].reset();
   changed_[region] = 0;
   unusedRegions_.push_back(region);
@@ -165,7 +166,7 @@ void Pages<N>::release(std::uint32_t slot) {
   Page& page = pages_[number];
   Region& region = *regions_[page.region];
   const Mask bit = bitOf(slot);
-  assert(page.alive & bit);
+  expects(page.alive & bit, "what is released is alive");
   page.alive &= ~bit;
   page.fresh &= ~bit;
   --region.count;

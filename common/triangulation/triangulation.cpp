@@ -6,6 +6,8 @@
 #include <cmath>
 #include <limits>
 
+#include "common/outcome/contract.h"
+
 namespace ridgecast::triangulation {
 
 int inCircleExact(const Point2& a, const Point2& b, const Point2& c, const Point2& d) {
@@ -43,14 +45,13 @@ void Triangulation::clear() {
   triangles_.clear();
   vertices_.clear();
   const VertexId infinite = vertices_.allocate(kOutside);  // the first slot there is
-  assert(infinite == kInfinite);
+  expects(infinite == kInfinite, "infinity has the first slot");
   vertexRecords_[infinite] = {0, 0, 0, kNoEdge};
 }
 
 RegionId Triangulation::addRegion(const Square& square) {
   const RegionId t = triangles_.addRegion(), v = vertices_.addRegion();
-  assert(t == v);
-  (void)v;
+  expects(t == v, "triangles and vertices have the same regions");
   if (t >= squares_.size()) squares_.resize(t + 1);
   squares_[t] = square;
   return t;
@@ -96,7 +97,7 @@ void Triangulation::start(const Vertex& a, const Vertex& b, const Vertex& c) {
   clear();
   Vertex corners[3] = {a, b, c};
   const std::int64_t turn = orientation(a.point(), b.point(), c.point());
-  assert(turn != 0);
+  expects(turn != 0, "a mesh begins with a triangle, not with a line");
   if (turn < 0) std::swap(corners[1], corners[2]);
   VertexId v[3];
   for (int k = 0; k < 3; ++k) {
@@ -260,7 +261,8 @@ TriangleId Triangulation::locate(Point2 p, TriangleId from, const WriteSet& set)
   }
   // The visibility walk ends on every Delaunay triangulation (De Floriani et al. 1991).
   unsigned entry = 3;  // the side it came in by: the point is beyond it
-  for (;;) {
+  for (std::uint32_t left = triangles_.capacity();; --left) {
+    expects(left > 0, "a walk meets no triangle twice");
     if (!set.all_ && !set.allows(triangles_.regionOf(t))) return kNoEdge;
     const Triangle& r = triangleRecords_[t];
     if (isGhost(t)) return t;

@@ -2,12 +2,12 @@
 
 #include <algorithm>
 #include <array>
-#include <cassert>
 #include <cstdlib>
 #include <map>
 #include <optional>
 #include <set>
 
+#include "common/outcome/contract.h"
 #include "common/terrain/terrain.h"
 #include "common/user_terrain/complaints.h"
 
@@ -55,7 +55,7 @@ const std::map<std::string, std::string>& preludeFunctions() {
     std::map<std::string, std::string> results;
     const auto tokens = tokenise("prelude", withoutComments(terrain::prelude()));
     const auto items = tokens ? topLevel("prelude", *tokens) : Outcome<std::vector<TopLevel>>(tokens.error());
-    assert(items);
+    expects(items.has_value(), "an expression has its parts");
     for (const TopLevel& item : *items)
       if (item.what == TopLevel::What::kFunction) results.emplace(item.names[0], (*tokens)[item.begin].text);
     return results;

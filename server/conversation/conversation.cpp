@@ -5,6 +5,7 @@
 #include <string>
 #include <utility>
 
+#include "common/outcome/contract.h"
 #include "common/wire/wire.h"
 
 namespace ridgecast::conversation {
@@ -244,6 +245,7 @@ void Conversation::greeted() {
 
 std::optional<replica::Changes> Conversation::iterated(std::span<const mesh::LeafState> leaves, bool settled) {
   if (!runs()) return {};
+  expects(pose_.sequence != 0, "an iteration is for a pose");
   const bool comesToRest = settled && !atRest_;
   atRest_ = settled;
   if (!lockstep_ && !pace_.limits() && !settled && unsent_ < kMostUnsent && replica_.resumes(leaves)) {
@@ -256,6 +258,7 @@ std::optional<replica::Changes> Conversation::iterated(std::span<const mesh::Lea
 }
 
 void Conversation::sent(const wire::Iteration& iteration, Time now) {
+  expects(iteration.number == replica_.lastSent(), "what was sent is the last iteration");
   pace_.sent(now,
              200 + 12 * (iteration.gone.size() + iteration.come.size()) + payloadBytes(iteration.whole, 24) + iteration.points.size() +
                  iteration.shades.size() + 4 * iteration.errors.size(),

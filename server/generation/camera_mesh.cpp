@@ -5,6 +5,7 @@
 #include <set>
 #include <utility>
 
+#include "common/outcome/contract.h"
 #include "server/generation/grid.h"
 
 namespace ridgecast::generation {
@@ -116,6 +117,7 @@ CameraMesh::Turnover CameraMesh::replaceLeaves() {
     const RegionId region = mesh_.addRegion({corner.x, corner.z, static_cast<std::int32_t>(address.side())}, address.level);
     tree_.setTag(address, region);
     if (region >= leaves_.size()) leaves_.resize(region + 1);
+    expects(!leaves_[region], "a region has one leaf");
     leaves_[region] = std::make_unique<Leaf>();
     leaves_[region]->address = address;
     leaves_[region]->region = region;

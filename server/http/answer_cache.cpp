@@ -1,5 +1,7 @@
 #include "server/http/answer_cache.h"
 
+#include "common/outcome/contract.h"
+
 namespace ridgecast::http {
 
 std::optional<Answer> AnswerCache::find(const std::string& etag) {
@@ -16,6 +18,7 @@ void AnswerCache::keep(const Answer& answer) {
   const std::lock_guard lock(mutex_);
   if (byEtag_.contains(answer.etag)) return;
   for (; bytes_ + size > most_; answers_.pop_back()) {
+    expects(!answers_.empty() && bytes_ >= sizeOf(answers_.back()), "what is cached is counted");
     bytes_ -= sizeOf(answers_.back());
     byEtag_.erase(answers_.back().etag);
   }

@@ -5,6 +5,7 @@
 #include <exception>
 #include <utility>
 
+#include "common/outcome/contract.h"
 #include "server/logging/logging.h"
 #include "server/scheduling/pool.h"
 
@@ -122,6 +123,7 @@ void Jobs::work(std::size_t thread) {
   std::unique_lock lock(mutex_);
   for (Job job = next(lock); job.run; job = next(lock)) {
     running_[thread] = {job.stop, {}, job.client};
+    expects(idle_ > 0, "a thread that takes a job was idle");
     --idle_;
     lock.unlock();
     const auto begin = Clock::now();

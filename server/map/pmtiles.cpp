@@ -3,8 +3,9 @@
 #include <zlib.h>
 
 #include <algorithm>
-#include <cassert>
 #include <cmath>
+
+#include "common/outcome/contract.h"
 
 namespace ridgecast::map {
 
@@ -56,7 +57,7 @@ std::uint64_t tileId(const TileAddress& tile) {
 Archive::Archive(const std::filesystem::path& file) : out_(file, std::ios::binary) { out_ << std::string(kRootEnds, '\0'); }
 
 bool Archive::add(std::uint64_t id, std::string_view tile) {
-  assert(entries_.empty() || id >= entries_.back().id + entries_.back().run);
+  expects(entries_.empty() || id >= entries_.back().id + entries_.back().run, "tiles come in the order of the archive");
   ++addressed_;
   if (!entries_.empty() && tile == last_) {
     const Entry& before = entries_.back();
@@ -116,7 +117,7 @@ bool Archive::finish(const About& about) {
   for (const double v : {west, south, east, north}) addNumber(header, inE7(v), 4);
   header += static_cast<char>(about.finest);
   for (const double v : {(west + east) / 2, (south + north) / 2}) addNumber(header, inE7(v), 4);
-  assert(header.size() == kHeaderBytes);
+  expects(header.size() == kHeaderBytes, "a header has its length");
 
   out_ << leaves << metadata;
   out_.seekp(0) << header << root;

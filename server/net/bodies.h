@@ -10,6 +10,8 @@
 #include <string>
 #include <utility>
 
+#include "common/outcome/contract.h"
+
 namespace ridgecast::net {
 
 class Bodies {
@@ -26,6 +28,7 @@ class Bodies {
     Room& operator=(const Room&) = delete;
     // No less than it has. It has as much as before where there is no more.
     std::optional<Full> growTo(std::size_t bytes) {
+      expects(bytes >= bytes_, "a body grows");
       const auto full = bodies_->take(client_, bytes - bytes_);
       if (!full) bytes_ = bytes;
       return full;
@@ -51,8 +54,9 @@ class Bodies {
   void give(const std::string& client, std::size_t bytes) {
     if (bytes == 0) return;
     const std::lock_guard lock(mutex_);
-    all_ -= bytes;
     const auto own = byClient_.find(client);
+    expects(own != byClient_.end() && own->second >= bytes && all_ >= bytes, "what is given back was taken");
+    all_ -= bytes;
     own->second -= bytes;
     if (own->second == 0) byClient_.erase(own);
   }

@@ -14,6 +14,7 @@
 #include <stop_token>
 #include <utility>
 
+#include "common/outcome/contract.h"
 #include "common/transport/channel.h"
 #include "server/http/routes.h"
 #include "server/logging/logging.h"
@@ -330,6 +331,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   }
 
   void worked(Answer a) {
+    expects(working_, "an answer is to a request that waits for it");
     ticking_.cancel();
     if (telling_) {  // one write at a time: continues when it ends
       made_ = std::move(a);
@@ -414,7 +416,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   void forget(std::size_t bytes) {
     {
       const std::lock_guard lock(shared_->mutex);
-      shared_->answerBytes -= bytes;
+      expects(shared_->answerBytes.fetch_sub(bytes) >= bytes, "an answer that is sent was counted");
     }
     shared_->fewer.notify_all();
   }

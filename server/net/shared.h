@@ -13,6 +13,7 @@
 
 #include <boost/asio/ip/tcp.hpp>
 
+#include "common/outcome/contract.h"
 #include "common/transport/channel.h"
 #include "server/access/limits.h"
 #include "server/http/request_filter.h"
@@ -111,7 +112,7 @@ class Counted {
   Counted(Counted&&) = default;
   Counted& operator=(Counted&&) = delete;
   ~Counted() {
-    if (shared_) --number();
+    if (shared_) expects(number()-- > 0, "a connection that ends was counted");
   }
   Kind kind() const { return kind_; }
   // Whose connection it is, of those that are served: the token's holder, without a token the household of the address.

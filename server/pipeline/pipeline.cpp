@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <chrono>
 
+#include "common/outcome/contract.h"
 #include "server/pipeline/state.h"
 #include "server/quadtree/quadtree.h"
 
@@ -46,6 +47,7 @@ Pipeline::Pipeline(std::shared_ptr<const terrain::Terrain> terrain, const settin
 Pipeline::~Pipeline() = default;
 
 settings::Figures Pipeline::iterate(const camera::Camera& camera) {
+  expects(camera::isValid(camera), "a camera that comes this far is valid");
   State& s = *state_;
   settings::Figures figures;
   const bool still = camera == s.motion.camera;

@@ -1,9 +1,10 @@
 #include "server/quadtree/quadtree.h"
 
 #include <algorithm>
-#include <cassert>
 #include <cmath>
 #include <limits>
+
+#include "common/outcome/contract.h"
 
 namespace ridgecast::quadtree {
 
@@ -199,7 +200,7 @@ void Quadtree::touchingTags(LeafAddress leaf, std::vector<std::uint32_t>& tags) 
 
 void Quadtree::setTag(LeafAddress leaf, std::uint32_t tag) {
   const std::int32_t node = find(leaf);
-  assert(node >= 0);
+  expects(node >= 0, "a node that is asked for is there");
   nodes_[node].tag = tag;
 }
 

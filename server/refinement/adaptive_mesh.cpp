@@ -2,8 +2,9 @@
 #include "server/refinement/adaptive_mesh.h"
 
 #include <bit>
-#include <cassert>
 #include <cmath>
+
+#include "common/outcome/contract.h"
 
 namespace ridgecast::refinement {
 
@@ -225,7 +226,7 @@ void AdaptiveMesh::setFixed(VertexId v, bool fixed) {
 
 void AdaptiveMesh::drop(VertexId v) {
   [[maybe_unused]] const Change change = mesh_.remove(v, everything_);
-  assert(change == Change::kDone);
+  expects(change == Change::kDone, "what was planned can be done");
 }
 
 void AdaptiveMesh::snap(VertexId v) {

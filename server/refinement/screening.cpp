@@ -7,9 +7,9 @@
 #include <algorithm>
 #include <array>
 #include <bit>
-#include <cassert>
 #include <cmath>
 
+#include "common/outcome/contract.h"
 #include "server/refinement/adaptive_mesh.h"
 #include "server/refinement/bounds.h"
 #include "server/refinement/triangle.h"
@@ -93,7 +93,7 @@ Judgement judge(const triangulation::Triangulation& mesh, const View& view, tria
 }  // namespace
 
 std::uint32_t AdaptiveMesh::findWork(std::span<const Search> searches, const View& view, double threshold) {
-  assert(searches.size() <= 32);
+  expects(searches.size() <= 32, "a search has its bit");
   struct Due {  // pages
     PageList candidates, losses;
   };

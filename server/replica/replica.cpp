@@ -1,9 +1,9 @@
 #include "server/replica/replica.h"
 
 #include <algorithm>
-#include <cassert>
 
 #include "common/mesh/leaf_mesh.h"
+#include "common/outcome/contract.h"
 #include "common/wire/wire.h"
 
 namespace ridgecast::replica {
@@ -11,7 +11,7 @@ namespace ridgecast::replica {
 Replica::Replica(std::uint32_t window, bool followsPoints) : window_(std::max(window, 1u)), followsPoints_(followsPoints) {}
 
 bool Replica::resume(std::span<const wire::HeldLeaf> leaves) {
-  assert(lastSent_ == 0);
+  expects(lastSent_ == 0, "a client resumes before the first iteration");
   if (held_.size() + leaves.size() > wire::kMaxResumed) return false;
   scratch_ = held_;
   for (const wire::HeldLeaf& leaf : leaves) scratch_.push_back({leaf.address, 0, 0, leaf.hash, false});
@@ -34,7 +34,7 @@ bool Replica::resumes(std::span<const mesh::LeafState> leaves) const {
 }
 
 Changes Replica::send(std::span<const mesh::LeafState> leaves) {
-  assert(hasRoom());
+  expects(hasRoom(), "an iteration is sent where the window has room");
   Changes changes;
   changes.anew = lastSent_ == 0 || repairs(leaves);
   const bool whole = !followsPoints_ || (changes.anew && !held_.empty());
@@ -47,7 +47,7 @@ Changes Replica::send(std::span<const mesh::LeafState> leaves) {
     ++held;
   };
   for (const mesh::LeafState& leaf : leaves) {
-    assert(scratch_.empty() || scratch_.back().address < leaf.address);
+    expects(scratch_.empty() || scratch_.back().address < leaf.address, "leaves come in canonical order");
     while (held != held_.cend() && held->address < leaf.address) drop();
     const bool known = held != held_.cend() && held->address == leaf.address;
     if (!known) {
@@ -91,6 +91,7 @@ Verdict Replica::acknowledge(std::uint64_t iteration, std::uint64_t meshHash) {
   if (iteration == 0 || iteration > lastSent_) return Verdict::kNeverSent;
   if (unacknowledged_.empty() || iteration < unacknowledged_.front().number) return Verdict::kOutOfOrder;
   while (unacknowledged_.front().number < iteration) unacknowledged_.pop_front();
+  expects(unacknowledged_.front().number == iteration, "iterations that wait have all numbers");
   const bool agrees = unacknowledged_.front().meshHash == meshHash;
   unacknowledged_.pop_front();
   if (agrees) {

@@ -1,7 +1,6 @@
 #include "server/scheduling/pool.h"
 
 #include <algorithm>
-#include <cassert>
 #include <chrono>
 #include <deque>
 #include <mutex>
@@ -9,6 +8,7 @@
 #include <unordered_set>
 #include <utility>
 
+#include "common/outcome/contract.h"
 #include "server/scheduling/loop.h"
 #include "server/scheduling/region.h"
 #include "server/scheduling/threads.h"
@@ -156,6 +156,7 @@ void Executor::State::workFor(const std::shared_ptr<Pool::Impl>& pool, std::uniq
   lock.lock();
   if (!region) pool->usual = std::max(took, pool->usual * 4 / 5);
   longTasks -= isLong;
+  expects(pool->inFlight > 0, "a task that ends was in flight");
   if (region && --region->helpers == 0) region->helpersGone.notify_one();
   --pool->inFlight;
   pool->noteChange();
@@ -225,7 +226,7 @@ Executor::Executor(unsigned threads, const Executor* first, double share) : stat
 Executor::Executor(WithoutThreads) : state_(std::make_shared<State>()) {}
 
 void Executor::work() {
-  assert(state_->workers.empty());
+  expects(state_->workers.empty(), "an executor that is worked by hand has no threads");
   state_->serveAll();
 }
 

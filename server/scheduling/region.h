@@ -5,7 +5,6 @@
 // helper has left, so no helper ever sees a region that is gone.
 
 #include <algorithm>
-#include <cassert>
 #include <cstddef>
 #include <cstdint>
 #include <functional>
@@ -13,6 +12,7 @@
 #include <utility>
 #include <vector>
 
+#include "common/outcome/contract.h"
 #include "server/scheduling/pool.h"
 #include "server/scheduling/threads.h"
 
@@ -69,7 +69,7 @@ class Ordered final : public Region {
     for (std::size_t k = 0; k < count_; ++k) {
       missing_[k] = static_cast<std::uint32_t>(order[k].size());
       for (const std::uint32_t p : order[k]) {
-        assert(p < k && "a predecessor must be smaller");
+        expects(p < k, "a predecessor is smaller");
         ++first_[p + 1];
       }
     }

@@ -5,6 +5,7 @@
 #include "common/edits/author.h"
 #include "common/edits/json.h"
 #include "common/edits/packed.h"
+#include "common/outcome/contract.h"
 #include "common/wire/wire.h"
 
 namespace ridgecast::session {
@@ -63,6 +64,7 @@ void EditPages::code() {
   } catch (const std::bad_alloc&) {  // as it says
   }
   lock.lock();
+  expects(asked_.contains(read.after), "a page that is read was asked for");
   const std::vector<Take> takers = std::move(asked_.extract(read.after).mapped());
   if (page && page->message && !read.page) {
     coded_.push_back({read.after, page->last, page->message});

@@ -6,6 +6,8 @@
 #include <cstddef>
 #include <cstdint>
 
+#include "common/outcome/contract.h"
+
 namespace ridgecast::session {
 
 class EditSpace {
@@ -25,7 +27,7 @@ class EditSpace {
       used_ -= bytes;
       return false;
     }
-    void give(std::uint64_t bytes) { used_ -= bytes; }
+    void give(std::uint64_t bytes) { expects(used_.fetch_sub(bytes) >= bytes, "what is given back was taken"); }
     std::uint64_t used() const { return used_; }
 
    private:

@@ -8,6 +8,7 @@
 #include "common/edits/author.h"
 #include "common/edits/edited_terrain.h"
 #include "common/edits/packed.h"
+#include "common/outcome/contract.h"
 #include "server/logging/logging.h"
 
 namespace ridgecast::session {
@@ -260,6 +261,7 @@ Edits::Answer Edits::finish(Waiting& waiting) {
   Applied applied = waiting.asked;
   applied.number = history_.last();
   applied.time = duration_cast<microseconds>(system_clock::now().time_since_epoch()).count();
+  expects(made_.empty() || applied.number == made_.back().number + 1, "edits of a group follow one another");
   applied.operation = history_.packed(applied.number);
   applied.ground = edits::groundOf(*changed);
   changedPosts_.push_back(*changed);  // the last that may run out of memory
@@ -299,6 +301,7 @@ void Edits::takeBack(const Answer& why) {
   const std::uint64_t before = made_.front().number - 1;
   for (const Applied& m : made_) {
     space_->kept.give(m.bytes());
+    expects(bytes_ >= m.bytes(), "a session's edits are counted");
     bytes_ -= m.bytes();
   }
   while (history_.last() > before) history_.takeBack(before_);
@@ -308,6 +311,7 @@ void Edits::takeBack(const Answer& why) {
 }
 
 void Edits::publish() {
+  expects(done_ <= group_.size(), "what is done is of the group");
   if (!made_.empty() && !isKept_) takeBack(full(isKept_.error().message));
   if (noted_) std::ranges::for_each(made_, noted_);
   {
@@ -315,6 +319,8 @@ void Edits::publish() {
     if (!made_.empty()) ground_ = std::move(next_);
     for (const Applied& m : made_) areas_.push_back(m.ground);
     if (areas_.size() > kRecent) areas_.erase(areas_.begin(), areas_.end() - kRecent);
+    expects(waiting_.size() >= group_.size() && std::equal(group_.begin(), group_.end(), waiting_.begin()),
+            "a group is what waits in front");
     for (std::size_t k = 0; k < done_; ++k) open_.erase(group_[k]->asked.key);  // nobody joins any more
     for (std::size_t k = 0; k < done_; ++k) forget(*waiting_[k]);
     waiting_.erase(waiting_.begin(), waiting_.begin() + static_cast<std::ptrdiff_t>(done_));
@@ -322,6 +328,7 @@ void Edits::publish() {
   if (!made_.empty()) changed_();
   for (std::size_t k = 0; k < done_; ++k) {
     Waiting& w = *group_[k];
+    expects(w.answer.has_value(), "an edit that is done has its answer");
     for (const Done& done : w.done) done(*w.answer, std::exchange(w.posts, 0));
   }
   group_.erase(group_.begin(), group_.begin() + static_cast<std::ptrdiff_t>(done_));

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "common/codec/codec.h"
+#include "common/outcome/contract.h"
 #include "common/text/text.h"
 #include "common/wire/wire.h"
 #include "server/box/box_mesh.h"
@@ -89,6 +90,7 @@ void Grounds::run(PlaceQueue::Place place) {
   Work* work = nullptr;
   {
     const std::lock_guard lock(mutex_);
+    expects(!pending_.empty(), "a turn has its question");
     work = pending_.front().get();
   }
   try {

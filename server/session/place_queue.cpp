@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <utility>
 
+#include "common/outcome/contract.h"
+
 namespace ridgecast::session {
 
 void PlaceQueue::enter(std::weak_ptr<Worker> worker) {
@@ -22,6 +24,7 @@ unsigned PlaceQueue::working() const {
 void PlaceQueue::leave() {
   {
     const std::lock_guard lock(mutex_);
+    expects(working_ > 0, "a place that is left was taken");
     --working_;
   }
   beginNext();
@@ -35,6 +38,7 @@ void PlaceQueue::beginNext() {
     waiting_.pop_front();
     if (!next) continue;
     ++working_;
+    expects(working_ <= places_, "no more work than there are places");
     lock.unlock();
     next->begin(Place(nullptr, [self = shared_from_this()](const void*) { self->leave(); }));
     next.reset();

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <string>
 
+#include "common/outcome/contract.h"
 #include "common/settings/settings.h"
 
 namespace ridgecast::session {
@@ -46,6 +47,7 @@ std::shared_ptr<Budgets> Places::budgetsOf(const std::string& client, conversati
 Places::Place::~Place() {
   const std::lock_guard lock(places_->mutex_);
   if (triangles_ == 0) return;  // it never entered
+  expects(places_->cameras_ > 0 && places_->triangles_ >= triangles_, "a place that is left was taken");
   --places_->cameras_;
   places_->triangles_ -= triangles_;
 }
@@ -54,6 +56,7 @@ std::uint32_t Places::Place::grant(std::uint32_t requested) {
   Places& all = *places_;
   const std::lock_guard lock(all.mutex_);
   if (all.maxTriangles_ == 0) return requested;
+  expects(all.triangles_ <= all.maxTriangles_ && all.cameras_ <= all.maxCameras_, "no more is granted than there is");
   const std::uint64_t left = all.maxTriangles_ - all.triangles_;
   const std::uint64_t kept = std::min<std::uint64_t>(std::uint64_t{kLeastBudget} * (all.maxCameras_ - all.cameras_), all.maxTriangles_ / 2);
   const std::uint64_t most = triangles_ + (left > kept ? left - kept : 0);

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <utility>
 
+#include "common/outcome/contract.h"
 #include "common/wire/wire.h"
 
 namespace ridgecast::session {
@@ -38,6 +39,7 @@ void Presence::play(const wire::Clock& recording, std::function<void(std::uint64
 void Presence::join(std::uint64_t camera, const wire::Hello& hello, std::shared_ptr<Sender> sender,
                     const std::optional<wire::PoseMessage>& pose, std::optional<wire::World> world) {
   const std::lock_guard lock(mutex_);
+  expects(!entries_.contains(camera), "a member joins once");
   Entry& entry = entries_[camera];
   entry.member = {camera, hello.role, hello.clientName, {}};
   entry.sender = std::move(sender);

@@ -4,6 +4,7 @@
 #include <random>
 
 #include "common/edits/packed.h"
+#include "common/outcome/contract.h"
 #include "common/wire/wire.h"
 #include "server/logging/logging.h"
 #include "server/session/camera_session.h"
@@ -110,7 +111,10 @@ Outcome<CameraPlace> Session::enter(const std::string& client) {
     if (*members_ & kEnded) return Error{"Session '" + name_ + "' has just ended because it was empty; connect again to create it."};
     return Error{"Session '" + name_ + "' is full: it has " + std::to_string(limits.maxMembers) + " members; try again later."};
   }
-  return CameraPlace{std::move(*onServer), Place(nullptr, [members = members_](const void*) { --*members; }), budgetsOf(client), client};
+  return CameraPlace{
+      std::move(*onServer),
+      Place(nullptr, [members = members_](const void*) { expects((members->fetch_sub(1) & ~kEnded) > 0, "who leaves was a member"); }),
+      budgetsOf(client), client};
 }
 
 bool Session::end() {

@@ -5,6 +5,7 @@
 #include <utility>
 #include <variant>
 
+#include "common/outcome/contract.h"
 #include "common/text/text.h"
 #include "common/wire/wire.h"
 
@@ -118,6 +119,7 @@ std::optional<Received> Conversation::receive() {
   if (iterations_.empty()) return std::nullopt;
   Received received = std::move(iterations_.front());
   iterations_.pop_front();
+  expects(waitingBytes_ >= received.bytes, "what waits is counted");
   waitingBytes_ -= received.bytes;
   return received;
 }
@@ -131,6 +133,7 @@ std::uint64_t Conversation::forgetEdits() {
 }
 
 std::vector<wire::HeightTile> Conversation::takeTiles() {
+  expects(tilesOpen_ >= tiles_.size(), "tiles come for those that are requested");
   tilesOpen_ -= tiles_.size();
   return std::exchange(tiles_, {});
 }

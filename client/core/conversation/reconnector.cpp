@@ -1,8 +1,9 @@
 #include "client/core/conversation/reconnector.h"
 
 #include <algorithm>
-#include <cassert>
 #include <utility>
+
+#include "common/outcome/contract.h"
 
 namespace ridgecast::core {
 
@@ -41,7 +42,7 @@ std::optional<Reconnector::Instant> Reconnector::due() const {
 }
 
 void Reconnector::ended(const Error& why, Instant now) {
-  assert(hasLine_);
+  expects(hasLine_, "a line that ended was dialled");
   hasLine_ = false;
   lost_ = why;
   target_ = url_;
@@ -81,7 +82,7 @@ Wrong Reconnector::skipSteps(bool skips) {
 }
 
 void Reconnector::goOn(const std::vector<wire::Resume>& held) {
-  assert(hasReturned());
+  expects(hasReturned(), "there is another conversation to go on with");
   bytesBefore_ += current_->bytes();
   current_ = std::move(coming_);
   lost_.reset();
