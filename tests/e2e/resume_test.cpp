@@ -12,6 +12,8 @@
 #include <thread>
 #include <vector>
 
+#include "client/replica/client.h"
+#include "tests/support/process.h"
 #include "tests/support/relay.h"
 #include "tests/support/server_process.h"
 #include "tests/support/traveller.h"
@@ -103,6 +105,39 @@ TEST(Resume, ALineThatBreaksCostsOnlyWhatIsMissing) {
   EXPECT_EQ(client.scene().leaves().size(), leaves);
   EXPECT_EQ(client.scene().hash(), hash);
   EXPECT_TRUE(server.healthy());
+}
+
+// Without --state a session's edits end with the server: what a client knows of them is no ground of the new session.
+TEST(Resume, AServerWithoutTheEditsThatAClientKnowsHasAnotherWorld) {
+  for (const bool keeps : {false, true}) {
+    const ScratchFolder folder;
+    const std::vector<std::string> options = keeps ? std::vector<std::string>{"--state", folder / "state"} : std::vector<std::string>{};
+    auto server = std::make_unique<ServerProcess>(RIDGECAST_SERVER, options);
+    const std::uint16_t port = server->port();
+    wire::Hello hello;
+    hello.settings = coarse();
+    const auto client = replica::Client::open(core::parseUrl(server->url()).value(), hello).value();
+    const auto edit = client->connection().edit({0, "", R"({"op":"crater","x":40,"z":60,"radius":20,"depth":5})"}).get();
+    ASSERT_TRUE(edit) << edit.error().message;
+    server->process().signal(SIGKILL);
+    server->process().wait(kTimeout);
+    server = std::make_unique<ServerProcess>(RIDGECAST_SERVER, options, port);
+    const connection::Connection& connection = client->connection();
+    EXPECT_TRUE(await([&] {
+      client->connection().change({.threshold = 5});  // while it is lost, and while it comes back
+      client->receive(5ms);
+      return connection.otherWorld() || connection.reconnections() > 0;
+    }));
+    EXPECT_EQ(connection.otherWorld(), !keeps);
+    if (!keeps) {
+      ASSERT_TRUE(connection.error());
+      EXPECT_EQ(connection.error()->message, "the server has lost edits of this world");
+      continue;
+    }
+    EXPECT_EQ(client->world().edit, 1u);
+    client->send(PathCamera(RIDGECAST_PATHS "/alpine.json", client->world()).at(0));
+    EXPECT_TRUE(await([&] { return client->receive(5ms), connection.granted().threshold == 5; }));
+  }
 }
 
 }  // namespace
