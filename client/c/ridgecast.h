@@ -46,7 +46,7 @@ typedef enum rc_status {
 
 /* Why the last call on this thread failed. Never null; valid until this thread's next call. */
 const char* rc_message(void);
-/* "0.1.0", of the library. */
+/* "0.2.0", of the library. */
 const char* rc_version(void);
 
 /* ---- terrains: the true ground, anywhere, at once ---- */
