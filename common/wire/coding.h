@@ -43,7 +43,7 @@ inline bool takeVarint(Content& bytes, std::uint64_t& value, std::size_t longest
 
 constexpr std::size_t varintBytes(std::uint64_t value) { return (static_cast<std::size_t>(std::bit_width(value | 1)) + 6) / 7; }
 
-// What is written goes to one of two: all of it is counted first, so that its bytes are laid down once.
+// What is written goes to one of two: all of it is counted first, if need be as too much, so that its bytes are laid down once.
 struct Counted {
   std::size_t bytes = 0;
   void append(const char*, std::size_t n) { bytes += n; }

@@ -305,7 +305,12 @@ struct SentAs : Base {
   }
   template <class V>
   void write(const V& value, auto& out) const {
-    if (const auto& in = this->member(value)) this->delimited(out, [&] { wire::write<typename TableOf<Sent>::type>(Sent(*in), out); });
+    const auto& in = this->member(value);
+    if (!in) return;
+    if constexpr (std::is_same_v<decltype(out), Counted&>)
+      out.bytes += Sent::mostBytes(*in);  // it is made once
+    else
+      this->delimited(out, [&] { wire::write<typename TableOf<Sent>::type>(Sent(*in), out); });
   }
 };
 template <class Sent, class Base>
