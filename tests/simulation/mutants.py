@@ -228,7 +228,7 @@ MUTANTS = [
     ("client/core/conversation/reconnector.cpp", "  ofLine().end(why);\n", ""),
     ("client/core/conversation/reconnector.cpp", "    asked_ = hello_.settings;\n", "", "test core_conversation_test"),
     ("client/core/conversation/reconnector.cpp", "  pause_ = std::min(2 * pause_, kLongestPause);\n", "", "test core_conversation_test"),
-    ("client/core/conversation/reconnector.cpp", "after.edit < current_->edit()", "false", "test core_conversation_test"),
+    ("client/core/conversation/reconnector.cpp", "after.edit < current_->edit() && !isRecording", "false", "test core_conversation_test"),
     ("client/core/conversation/reconnector.cpp", "  target_ = url_;\n", "", "test core_conversation_test"),
     ("client/core/conversation/reconnector.h", "coming_->hasWorld() && !current_->hasIterations()", "coming_->hasWorld()"),
     # The stream's bytes.

@@ -31,7 +31,8 @@ Wrong Reconnector::heard(std::span<const std::uint8_t> frame, Instant now) {
   if (Wrong wrong = ofLine().heard(frame, now)) return wrong;
   if (wasGreeted || !isGreeted() || !coming_) return std::nullopt;
   const wire::World &before = current_->world(), &after = coming_->world();
-  otherWorld_ = after.contentHash != before.contentHash || after.edit < current_->edit();
+  const bool isRecording = current_->clock().said().end > 0;  // which may go back
+  otherWorld_ = after.contentHash != before.contentHash || (after.edit < current_->edit() && !isRecording);
   if (!otherWorld_) return std::nullopt;
   return after.contentHash != before.contentHash ? "the server has another world now" : "the server has lost edits of this world";
 }

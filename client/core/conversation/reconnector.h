@@ -52,8 +52,8 @@ class Reconnector {
   void applied() { pause_ = kFirstPause; }
 
   const std::optional<Error>& lost() const { return lost_; }  // why there is no conversation at the moment
-  // The server came back with another world, or without edits that were heard of: what is held is of no use there, and no further attempt is
-  // made.
+  // The server came back with another world, or, where it plays no recording, without edits that were heard of: what is held is of no use
+  // there, and no further attempt is made.
   bool otherWorld() const { return otherWorld_; }
   bool comesBack() const { return reconnects_ && !otherWorld_ && current_->hasWorld(); }  // where it is lost
   // The next conversation has its world, and all that came before is taken.

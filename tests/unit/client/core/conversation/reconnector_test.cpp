@@ -301,6 +301,15 @@ TEST(Reconnector, AServerThatHasLostEditsHasAnotherWorld) {
   }));
 }
 
+TEST(Reconnector, ARecordingMayGoBackBeforeItsEdits) {
+  Journey journey({.clock = true});
+  journey.begins(greeting(9));
+  EXPECT_EQ(journey.hears(wire::Clock{.mode = wire::ClockMode::kStepped, .end = 1}), "");
+  journey.loses();
+  journey.returns(greeting(2));
+  EXPECT_FALSE(journey.reconnector.otherWorld());
+}
+
 TEST(Reconnector, EditsGoOnAfterTheLastThatWasTaken) {
   Journey journey({.edits = true, .editsAfter = 2});
   journey.begins(greeting(9));
