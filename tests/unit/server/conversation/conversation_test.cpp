@@ -253,6 +253,7 @@ TEST(Conversation, InLockstepDetailDoesNotDependOnTheClock) {
       ASSERT_TRUE(changes);
       wire::Iteration iteration;
       iteration.figures.inserted = 1000;
+      iteration.number = changes->number;
       c.sent(iteration, now + 90ms);
       ASSERT_FALSE(c.receive(wire::Acknowledge{changes->number, changes->meshHash}, now));
     }
@@ -278,6 +279,7 @@ TEST(Conversation, AHundredResendsSendAtMostThreeMeshes) {
         ++meshes;
         iteration.whole.push_back({{3, 0, 0}, 3, 1, std::vector<std::uint8_t>(kMesh), 0, {}});
       }
+      iteration.number = c.replica().lastSent();
       c.sent(iteration, now);
       ASSERT_FALSE(c.receive(wire::Acknowledge{changes->number, changes->meshHash}, now));
       ASSERT_FALSE(c.receive(wire::ResendLeaves{}, now));
@@ -307,6 +309,7 @@ TEST(Conversation, ABudgetOfBytesIsKeptToTheByteInSimulatedTime) {
     wire::Iteration iteration;
     iteration.whole.push_back({{3, 0, 0}, 3, 1, std::vector<std::uint8_t>(500 + 7 * n), 0, {}});
     bytes += 200 + 24 + 500 + 7 * n;
+    iteration.number = c.replica().lastSent();
     c.sent(iteration, now);
     ASSERT_FALSE(c.receive(wire::Acknowledge{changes->number, changes->meshHash}, now));
   }
