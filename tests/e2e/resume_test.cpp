@@ -2,10 +2,10 @@
 // restarts a client, and all hold the right mesh again (MEASURE=1: within five seconds).
 
 #include <gtest/gtest.h>
-#include <signal.h>
 
 #include <algorithm>
 #include <chrono>
+#include <csignal>
 #include <memory>
 #include <optional>
 #include <string>
