@@ -49,7 +49,7 @@ void Reconnector::ended(const Error& why, Instant now) {
   target_ = url_;
   ofLine().end(why);
   if (const auto& sentTo = ofLine().sentTo(); sentTo && !sentTo->empty()) follow(*sentTo);
-  if (!coming_) hello_.editsAfter = current_->forgetEdits();
+  hello_.editsAfter = current_->forgetEdits();
   coming_.reset();
   const auto half = static_cast<unsigned>(pause_.count() / 2);
   next_ = now + std::chrono::milliseconds(half + random_() % (half + 1));
