@@ -330,6 +330,7 @@ class Talk {
 
   void send(const replica::Changes& changes, std::uint64_t more) {
     wire::Iteration iteration;
+    iteration.number = changes.number;
     iteration.gone = changes.gone;
     iteration.come = changes.come;
     for (const LeafAddress& at : changes.whole) iteration.whole.push_back({at, 3, 1, std::vector<std::uint8_t>(40)});

@@ -229,7 +229,7 @@ MUTANTS = [
     ("client/core/conversation/reconnector.cpp", "  pause_ = std::min(2 * pause_, kLongestPause);\n", "", "test core_conversation_test"),
     ("client/core/conversation/reconnector.cpp", "after.edit < current_->edit() && !isRecording", "false", "test core_conversation_test"),
     ("client/core/conversation/reconnector.cpp", "  target_ = url_;\n", "", "test core_conversation_test"),
-    ("client/core/conversation/reconnector.h", "coming_->hasWorld() && !current_->hasIterations()", "coming_->hasWorld()"),
+    ("client/core/conversation/reconnector.h", "coming_->hasWorld() && !current_->hasIterations()", "coming_->hasWorld()", "test core_conversation_test"),
     # The stream's bytes.
     ("common/wire/table.h", "if (found.chosen != kRows<T>) found.held[found.chosen] = {};", "", "test wire_test"),
     ("common/wire/table.h", "    if (there) earlier->push_back(last);\n", "", "test wire_test"),
