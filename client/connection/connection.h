@@ -1,7 +1,7 @@
 #pragma once
 // A connection to a server's stream that comes back when it ends: conversations (core::Reconnector) over a WebSocket, which runs on one
-// thread of its own; the owner's thread sends and receives. Until receive() goes on with the next conversation, the one that ended stays: it
-// sends nothing, and its requests fail.
+// thread of its own; the owner's thread sends and receives. Until receive() goes on with the next conversation, the one that ended stays:
+// it sends nothing, and its requests fail.
 
 #include <chrono>
 #include <cstddef>
@@ -52,9 +52,9 @@ class Connection {
 
   const wire::World& world() const;  // good until receive() is called
 
-  // Never block, and do nothing while the connection is lost. Later conversations begin with the newest pose. A waiting pose is replaced by a newer one (free pacing) or queued
-  // (lock-step, at most core::kMaxPoses: one more ends the connection with an error). A waiting acknowledgement is replaced by a newer one.
-  // Leaves to be sent again are collected, at most what one message holds; more request all.
+  // Never block, and do nothing while the connection is lost. Later conversations begin with the newest pose. A waiting pose is replaced by
+  // a newer one (free pacing) or queued (lock-step, at most core::kMaxPoses: one more ends the connection with an error). A waiting
+  // acknowledgement is replaced by a newer one. Leaves to be sent again are collected, at most what one message holds; more request all.
   void send(const wire::PoseMessage& pose);
   void acknowledge(const wire::Acknowledge& acknowledge);
   // Before the first pose: leaves that are held (parts of at most wire::kMaxResumeLeaves).

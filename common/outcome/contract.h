@@ -1,7 +1,7 @@
 #pragma once
 // A broken contract inside the program: it says what should hold and where it did not, and the program ends, in Release too, for what it
-// would make from there on is wrong. What a person, a file or a socket does wrong is an Outcome instead. `assert` remains for what costs more
-// than the work it guards: Debug and the tests have it.
+// would make from there on is wrong. What a person, a file or a socket does wrong is an Outcome instead. `assert` remains for what costs
+// more than the work it guards: Debug and the tests have it.
 
 #include <cstdio>
 #include <cstdlib>

@@ -1,7 +1,7 @@
 #pragma once
-// Conversations with one server, one after another: where one has ended another begins after a pause. The pause grows until an iteration was
-// applied, and is random, so that a thousand clients do not come back at once. The server may have been started again, or may have sent us to
-// another one. As Conversation, it has no socket, thread or clock, and is not thread-safe.
+// Conversations with one server, one after another: where one has ended another begins after a pause. The pause grows until an iteration
+// was applied, and is random, so that a thousand clients do not come back at once. The server may have been started again, or may have sent
+// us to another one. As Conversation, it has no socket, thread or clock, and is not thread-safe.
 //
 // Its owner goes on with the next conversation by goOn(): until then the one that ended stays, with what came before its end. Requests and
 // news of an earlier one are void: begin again where reconnections() has grown.
