@@ -51,6 +51,7 @@ void Line::hear(wire::ClientMessage message) {
     author_ = edits::toText({author_, hello->clientName});
   }
   if (const auto* pose = std::get_if<wire::PoseMessage>(&message)) newestPose_ = pose->sequence;
+  if (const auto* acknowledge = std::get_if<wire::Acknowledge>(&message)) acknowledged_ = acknowledge->iteration;
   camera_->receive(std::move(message));
   if (failed_) {
     if (edit) closes(id);  // it was refused with its sender, or nobody listens
@@ -91,6 +92,7 @@ void Line::leaves(const wire::ServerMessage& message) {
 
 void Line::judge(const wire::Iteration& iteration) {
   EXPECT_LE(queued_, maxQueuedBytes_ + granted_) << "an iteration was made for a client that takes none";
+  EXPECT_LE(iteration.number - acknowledged_, window_) << "more iterations than the window";
   const std::uint64_t before = std::exchange(edit_, iteration.edit);
   if (isLockstep_ || iteration.edit > before) return;  // new ground comes first
   EXPECT_EQ(iteration.poseSequence, newestPose_) << "an iteration was made for another pose than the newest";
@@ -112,6 +114,7 @@ void Line::fall() {
 void Line::send(wire::ServerMessage message, std::shared_ptr<const void> ticket) {
   if (server_.lostPower()) return;
   leaves(message);
+  if (const auto* world = std::get_if<wire::World>(&message)) window_ = world->window;
   if (const auto* iteration = std::get_if<wire::Iteration>(&message)) judge(*iteration);
   const bool isMembers = std::holds_alternative<wire::Members>(message), isPage = std::holds_alternative<wire::Edited>(message);
   queuedPages_ += isPage;

@@ -91,6 +91,7 @@ class Line final : public session::Sender, public std::enable_shared_from_this<L
   bool failed_ = false, isLockstep_ = false;
   std::uint64_t newestPose_ = 0;  // that has arrived
   std::uint64_t edit_ = 0;        // of the last iteration
+  std::uint64_t acknowledged_ = 0, window_ = 0;
 };
 
 }  // namespace ridgecast::simulation
