@@ -244,7 +244,7 @@ rc_status rc_world_leaves(rc_world* world, rc_leaf* out, size_t room, size_t* co
 rc_status rc_world_leaf(rc_world* world, int32_t level, int64_t i, int64_t j, const rc_mesh** out) {
   return alone(world, [&](const world::World& w) {
     const lattice::LeafAddress address{level, i, j};
-    const scene::HeldLeaf* const leaf = w.scene().leaf(address);
+    const core::HeldLeaf* const leaf = w.scene().leaf(address);
     if (!leaf || !out) return fail(RC_INVALID, "there is no such leaf now: rc_world_leaves lists them");
     *out = made(world::meshOf({{address, *leaf}}, {address.x(), address.z()}));
     return RC_OK;

@@ -22,7 +22,9 @@ constexpr std::chrono::seconds kTimeout{5};  // of each line but the first
 // Everything below `mutex_` is for both threads, the rest for the network's alone.
 struct Connection::Impl final : WebSocket::Listener {
   Impl(const core::Url& url, const wire::Hello& hello, const Options& options, Resume resume)
-      : options_(options), resume_(std::move(resume)), reconnector_(url, hello, options.reconnects, std::random_device{}()) {}
+      : options_(options),
+        resume_(std::move(resume)),
+        reconnector_(url, hello, options.reconnects ? core::Returns::kToItsWorld : core::Returns::kNever, std::random_device{}()) {}
 
   ~Impl() {
     {

@@ -35,7 +35,7 @@ constexpr std::size_t kMostStates = 40;
 constexpr double kSameTime = 1e-6;  // seconds
 
 // Of the newest iteration.
-std::string numberOf(const scene::Scene& scene) {
+std::string numberOf(const core::Scene& scene) {
   char text[32];
   std::snprintf(text, sizeof text, "%04llu", static_cast<unsigned long long>(scene.iteration()));
   return text;
@@ -133,7 +133,7 @@ class Measurer final : flight::Observer {
       std::this_thread::sleep_for(1ms);
     }
     if (window_) texture_->update(*window_, static_cast<std::size_t>(render::HeightTexture::kTiles * render::HeightTexture::kTiles));
-    editTexture_.update(edits_, p, scene::HeldEdits::kMostHeld);
+    editTexture_.update(edits_, p, core::HeldEdits::kMostHeld);
     if (std::exchange(editsSeen_, edits_.version()) == edits_.version()) return {};
     edited_ = std::make_shared<edits::EditedTerrain>(terrain_, edits_.layer());
     lastMarch_ = References{1};
@@ -187,7 +187,7 @@ class Measurer final : flight::Observer {
   // A quarter of the size.
   Outcome<void> measureFrame(IterationResult& result) {
     const auto began = Clock::now();
-    const scene::Leaves& leaves = scene_.leaves();  // makes what changed
+    const core::Leaves& leaves = scene_.leaves();  // makes what changed
     result.uploadMs = std::chrono::duration<double, std::milli>(Clock::now() - began).count() + renderer_.upload(leaves);
     auto drawn = renderer_.drawMesh(leaves, view(std::max(options_.width / 4, 16u), std::max(options_.height / 4, 16u)));
     if (!drawn) return drawn.error();
@@ -219,7 +219,7 @@ class Measurer final : flight::Observer {
     texture_.reset();
     if (window_) texture_.emplace(window_->shape());
     edited_ = terrain_;
-    edits_ = scene::HeldEdits(client_.world().horizon);
+    edits_ = core::HeldEdits(client_.world().horizon);
     lastMarch_ = References{1};
     states_.clear();
     lost_ = false;
@@ -321,11 +321,11 @@ class Measurer final : flight::Observer {
 
   const FlyOptions& options_;
   replica::Client& client_;
-  const scene::Scene& scene_;
+  const core::Scene& scene_;
   std::shared_ptr<const terrain::Terrain> terrain_, edited_;  // edited_: with edits_
-  std::shared_ptr<scene::HeightWindow> window_;               // of a height map; otherwise null
+  std::shared_ptr<core::HeightWindow> window_;                // of a height map; otherwise null
   std::optional<render::HeightTexture> texture_;
-  scene::HeldEdits edits_;
+  core::HeldEdits edits_;
   std::uint64_t editsSeen_ = 0;
   render::EditTexture editTexture_;
   render::Renderer renderer_;

@@ -55,7 +55,7 @@ Outcome<void> Recorder::add(const IterationResult& result) {
   return {};
 }
 
-Outcome<Comparison> Recorder::picture(const std::string& name, render::Renderer& renderer, const scene::Scene& scene,
+Outcome<Comparison> Recorder::picture(const std::string& name, render::Renderer& renderer, const core::Scene& scene,
                                       const render::View& view, const PictureSettings& settings) {
   const std::uint32_t samples = settings.samples;
   std::optional<render::Picture> meshPoints, corrected;
@@ -117,8 +117,8 @@ void Recorder::addFrame(const std::string& name, double t, const Likeness& liken
   frames_.push_back(likeness);
 }
 
-Outcome<void> Recorder::meshPicture(const std::string& name, render::Renderer& renderer, const scene::Scene& scene,
-                                    const render::View& view, std::uint32_t samples) {
+Outcome<void> Recorder::meshPicture(const std::string& name, render::Renderer& renderer, const core::Scene& scene, const render::View& view,
+                                    std::uint32_t samples) {
   auto mesh = renderer.drawMesh(scene.leaves(), view, samples);
   if (!mesh) return mesh.error();
   meshTimes_.add(mesh->milliseconds, mesh->cpuMilliseconds);
@@ -146,7 +146,7 @@ Outcome<void> Recorder::writeSummary(double seconds) {
   return writeText(folder_ / "summary.json", asJson(s));
 }
 
-Outcome<void> writeGlb(const scene::Leaves& leaves, const camera::Pose& pose, const std::string& terrain, std::uint32_t seed,
+Outcome<void> writeGlb(const core::Leaves& leaves, const camera::Pose& pose, const std::string& terrain, std::uint32_t seed,
                        const std::filesystem::path& file) {
   gltf::Document document;
   document.origin = {pose.x, pose.z};

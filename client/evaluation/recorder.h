@@ -9,9 +9,9 @@
 #include <string>
 #include <vector>
 
+#include "client/core/mesh/scene.h"
 #include "client/evaluation/results.h"
 #include "client/render/renderer.h"
-#include "client/scene/scene.h"
 #include "common/outcome/outcome.h"
 
 namespace ridgecast::evaluation {
@@ -64,10 +64,10 @@ class Recorder {
 
   // Draws both renderings, writes NAME-mesh.png and NAME-raymarch.png (and NAME-corrected.png if requested) and compares them.
   // A ray march among the references is not drawn again; its time is what it took then.
-  Outcome<Comparison> picture(const std::string& name, render::Renderer& renderer, const scene::Scene& scene, const render::View& view,
+  Outcome<Comparison> picture(const std::string& name, render::Renderer& renderer, const core::Scene& scene, const render::View& view,
                               const PictureSettings& settings);
   // Draws the mesh alone, for a terrain that this client does not know, and writes NAME-mesh.png.
-  Outcome<void> meshPicture(const std::string& name, render::Renderer& renderer, const scene::Scene& scene, const render::View& view,
+  Outcome<void> meshPicture(const std::string& name, render::Renderer& renderer, const core::Scene& scene, const render::View& view,
                             std::uint32_t samples);
   // Counts a picture among the flight's frames, at `t` seconds of path time.
   void addFrame(const std::string& name, double t, const Likeness& likeness);
@@ -98,7 +98,7 @@ class Recorder {
 // The held mesh as an uncompressed binary glTF file (common/gltf/glb.h): one node for each leaf, empty ones included. The file's cell is
 // the camera's; asset.extras has terrain and seed beside what every file has. Error: the mesh is too large for a .glb (4 GiB), a height or
 // extent is not exact in a float (65 km), or the file cannot be written.
-Outcome<void> writeGlb(const scene::Leaves& leaves, const camera::Pose& pose, const std::string& terrain, std::uint32_t seed,
+Outcome<void> writeGlb(const core::Leaves& leaves, const camera::Pose& pose, const std::string& terrain, std::uint32_t seed,
                        const std::filesystem::path& file);
 
 }  // namespace ridgecast::evaluation

@@ -8,9 +8,9 @@
 #include <string_view>
 #include <vector>
 
+#include "client/core/mesh/scene.h"
 #include "client/evaluation/missing.h"
 #include "client/render/renderer.h"
-#include "client/scene/scene.h"
 
 namespace ridgecast::evaluation {
 
@@ -35,7 +35,7 @@ struct MeshCase {
 // A camera at rest, once its mesh is refined (fly.h).
 struct AtRest {
   render::Renderer& renderer;
-  const scene::Scene& scene;
+  const core::Scene& scene;
   const render::View& view;
   const terrain::Terrain* terrain;  // null: the client does not know it
   bool settled;                     // false: the settle limit ran out

@@ -11,7 +11,7 @@ int main(int argc, char** argv) try {
     const double height = world->terrain().height(x, 0).value();  // here, where the terrain is built in; otherwise the server is asked
     const lattice::Point at{query::toSteps(x).value(), 0};
     world->fly({.pose = {.x = at.x, .y = height + 100}}, std::chrono::seconds(10)).value();
-    const auto held = query::heightOf(world->scene(), at).value_or(query::MeshHeight{});
+    const auto held = core::heightOf(world->scene(), at).value_or(core::MeshHeight{});
     const std::size_t others = world->others().size();
     std::printf("%4.0f m: ground %.3f m, mesh %.3f m, good to %.3f m; %zu others here\n", x, height, held.height, held.bound, others);
   }

@@ -35,7 +35,7 @@ std::int32_t together(const std::array<std::int32_t, 4>& four) {
 
 }  // namespace
 
-bool EditTexture::update(const scene::HeldEdits& edits, lattice::Point camera, std::size_t most) {
+bool EditTexture::update(const core::HeldEdits& edits, lattice::Point camera, std::size_t most) {
   const lattice::Point cell{lattice::cellOf(camera.x) - kCells / 2, lattice::cellOf(camera.z) - kCells / 2};
   const bool moved = cell.x != cell_.x || cell.z != cell_.z;
   if (seen_ == edits.version() && !(moved && !slots_.empty())) return true;

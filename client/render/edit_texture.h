@@ -1,5 +1,5 @@
 #pragma once
-// The edits that a client holds (scene::HeldEdits) as textures: a table of the squares around the camera and the squares' posts with their
+// The edits that a client holds (core::HeldEdits) as textures: a table of the squares around the camera and the squares' posts with their
 // pyramid (common/terrain/edited.glsl). Nothing is made before there are edits. 85 MiB on the graphics card at most, for kMostHeld squares,
 // and 5 MiB for the table. Needs the context it was made in.
 
@@ -8,8 +8,8 @@
 #include <optional>
 #include <vector>
 
+#include "client/core/ground/held_edits.h"
 #include "client/render/gl_objects.h"
-#include "client/scene/held_edits.h"
 
 namespace ridgecast::render {
 
@@ -19,7 +19,7 @@ class EditTexture {
   static constexpr int kLevels = 8;           // the coarsest has one texel a square
 
   // Uploads at most `most` squares that have changed. Returns whether it now has everything.
-  bool update(const scene::HeldEdits& edits, lattice::Point camera, std::size_t most = 32);
+  bool update(const core::HeldEdits& edits, lattice::Point camera, std::size_t most = 32);
   std::uint64_t version() const { return version_; }  // grows with every change
 
   // Sets the uniforms of edited.glsl and binds the textures to units 5 and 6; the program must be in use. Null: no edits.

@@ -60,7 +60,7 @@ HeightTexture::HeightTexture(const terrain::RasterShape& shape) : shape_(shape),
   glActiveTexture(GL_TEXTURE0);
 }
 
-void HeightTexture::upload(terrain::TileAddress address, const scene::HeightWindow::Held* tile) {
+void HeightTexture::upload(terrain::TileAddress address, const core::HeightWindow::Held* tile) {
   std::vector<std::int32_t> texels;
   if (tile)
     texels.assign(tile->samples.begin(), tile->samples.end());
@@ -101,7 +101,7 @@ void HeightTexture::uploadColours(std::vector<std::uint8_t> texels, int x, int y
   }
 }
 
-bool HeightTexture::update(const scene::HeightWindow& window, std::size_t most) {
+bool HeightTexture::update(const core::HeightWindow& window, std::size_t most) {
   if (seen_ == window.version()) return true;
   const terrain::TileAddress centre = window.centre();
   base_ = {centre.i - kTiles / 2, centre.j - kTiles / 2};
@@ -115,7 +115,7 @@ bool HeightTexture::update(const scene::HeightWindow& window, std::size_t most) 
       const terrain::TileAddress address{base_.i + i, base_.j + j};
       auto& slot = slots_[static_cast<std::size_t>((address.j & (kTiles - 1)) * kTiles + (address.i & (kTiles - 1)))];
       if (slot == address) continue;
-      const scene::HeightWindow::Held* tile = window.find(address);
+      const core::HeightWindow::Held* tile = window.find(address);
       if (tile && uploaded >= most) {
         all = false;
         tile = nullptr;

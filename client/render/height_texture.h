@@ -1,5 +1,5 @@
 #pragma once
-// The window of a height map (scene::HeightWindow) as a texture: 2,048 x 2,048 samples that wrap around, so that a moving camera uploads
+// The window of a height map (core::HeightWindow) as a texture: 2,048 x 2,048 samples that wrap around, so that a moving camera uploads
 // only what is new, and a pyramid of eight levels for distant shading. 22 MiB on the graphics card, and as much for a picture on the map.
 // Needs the context it was made in.
 
@@ -8,8 +8,8 @@
 #include <optional>
 #include <string>
 
+#include "client/core/ground/height_window.h"
 #include "client/render/gl_objects.h"
-#include "client/scene/height_window.h"
 
 namespace ridgecast::render {
 
@@ -20,7 +20,7 @@ class HeightTexture {
 
   explicit HeightTexture(const terrain::RasterShape& shape);
   // Uploads at most `most` tiles that the texture lacks. Returns whether it now has everything.
-  bool update(const scene::HeightWindow& window, std::size_t most = 64);
+  bool update(const core::HeightWindow& window, std::size_t most = 64);
   std::uint64_t version() const { return version_; }  // grows with every change
 
   // Sets the uniforms of accessor() and binds the textures to units 3 and 4; the program must be in use.
@@ -29,7 +29,7 @@ class HeightTexture {
   static std::string accessor(bool draped);
 
  private:
-  void upload(terrain::TileAddress address, const scene::HeightWindow::Held* tile);  // null: unknown
+  void upload(terrain::TileAddress address, const core::HeightWindow::Held* tile);  // null: unknown
   void uploadColours(std::vector<std::uint8_t> texels, int x, int y);
   terrain::RasterShape shape_;
   terrain::TileAddress base_;

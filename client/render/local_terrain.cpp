@@ -51,8 +51,7 @@ Drawing drawingOf(const wire::World& world, bool remoteShaders) {
   if (world.heightMap) {
     if (auto shade = ShadePass::create(text); !shade) return neutral(shade.error().message);
     if (auto march = MarchPass::create(text); !march) return neutral(march.error().message);
-    auto window =
-        std::make_shared<scene::HeightWindow>(world.terrainName, world.terrainSource, world.seed, *world.heightMap, world.horizon);
+    auto window = std::make_shared<core::HeightWindow>(world.terrainName, world.terrainSource, world.seed, *world.heightMap, world.horizon);
     return {text, window, window, {}};
   }
   auto terrain = gpuTerrain(world.terrainName, text);

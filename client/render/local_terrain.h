@@ -4,8 +4,8 @@
 #include <memory>
 #include <string>
 
+#include "client/core/ground/height_window.h"
 #include "client/render/view.h"
-#include "client/scene/height_window.h"
 #include "common/terrain/terrain.h"
 #include "common/wire/messages.h"
 
@@ -14,7 +14,7 @@ namespace ridgecast::render {
 struct Drawing {
   TerrainText text;                                 // for the shaders; neutral: mesh normals and a ramp of heights, no ray march
   std::shared_ptr<const terrain::Terrain> terrain;  // null: not known here; see gpuTerrain for the thread that may call it
-  std::shared_ptr<scene::HeightWindow> window;      // of a height map: the same terrain, to be fed with tiles; otherwise null
+  std::shared_ptr<core::HeightWindow> window;       // of a height map: the same terrain, to be fed with tiles; otherwise null
   std::string why;                                  // if neutral: one sentence for people
 };
 

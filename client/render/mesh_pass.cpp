@@ -117,7 +117,7 @@ Outcome<MeshPass> MeshPass::create(bool shaded) {
 }
 
 // Reserves space for a leaf and its shades; update() writes its vertices and indices.
-void MeshPass::place(const scene::HeldLeaf& held, Slot& slot) {
+void MeshPass::place(const core::HeldLeaf& held, Slot& slot) {
   const mesh::LeafMesh& leaf = *held.mesh;
   slot.vertices = leaf.vertices.size();
   slot.indices = leaf.triangles.size() * 3;
@@ -146,7 +146,7 @@ void MeshPass::giveBack(const Slot& slot) {
   indexArena_.giveBack(slot.firstIndex, slot.indices);
 }
 
-void MeshPass::update(const scene::Leaves& leaves) {
+void MeshPass::update(const core::Leaves& leaves) {
   for (auto slot = slots_.begin(); slot != slots_.end();) {
     const auto held = leaves.find(slot->first);
     const bool stale = held == leaves.end() || held->second.version != slot->second.version;

@@ -6,11 +6,11 @@
 #include <functional>
 #include <map>
 
+#include "client/core/mesh/scene.h"
 #include "client/render/arena.h"
 #include "client/render/gl_objects.h"
 #include "client/render/surface.h"
 #include "client/render/view.h"
-#include "client/scene/scene.h"
 
 namespace ridgecast::render {
 
@@ -24,7 +24,7 @@ class MeshPass {
   bool shaded() const { return shaded_; }
 
   // Copies leaves that are new or have a newer version, and drops those that are gone. Memory follows what the scene holds (doubling).
-  void update(const scene::Leaves& leaves);
+  void update(const core::Leaves& leaves);
 
   // Clears the surface and draws the leaves of the last update(), except those whose bounding box is out of view. The surface has the
   // view's size.
@@ -46,7 +46,7 @@ class MeshPass {
   };
   MeshPass(Program program, bool reversedDepth, bool shaded);
   void bindArrays() const;
-  void place(const scene::HeldLeaf& held, Slot& slot);
+  void place(const core::HeldLeaf& held, Slot& slot);
   void giveBack(const Slot& slot);
 
   Program program_;

@@ -7,7 +7,7 @@
 #include <cstdint>
 #include <optional>
 
-#include "client/scene/scene.h"
+#include "client/core/mesh/scene.h"
 
 namespace ridgecast::render {
 
@@ -15,7 +15,7 @@ inline constexpr double kMorphSeconds = 0.3;
 
 class Morph {
  public:
-  using Leaves = scene::Leaves;
+  using Leaves = core::Leaves;
 
   // Call once a frame. `now` in seconds ascends; `version` tells states of the leaves apart. Without `smooth`, and for the first mesh, a
   // change shows at once.

@@ -98,7 +98,7 @@ Renderer::Drawn Renderer::finish(const View& view, std::uint32_t samples, Began 
   return {downsample(readBack(*canvas_), samples), spent.count(), cpu};
 }
 
-Outcome<Renderer::Drawn> Renderer::drawMesh(const scene::Leaves& leaves, const View& view, std::uint32_t samples) {
+Outcome<Renderer::Drawn> Renderer::drawMesh(const core::Leaves& leaves, const View& view, std::uint32_t samples) {
   const View fine = supersampled(view, samples);
   if (auto fits = fit(fine); !fits) return fits.error();
   passes_.mesh.update(leaves);
@@ -108,7 +108,7 @@ Outcome<Renderer::Drawn> Renderer::drawMesh(const scene::Leaves& leaves, const V
   return finish(fine, samples, began);
 }
 
-Outcome<Renderer::Drawn> Renderer::drawMorph(const scene::Leaves& from, const scene::Leaves& to, float share, const View& view) {
+Outcome<Renderer::Drawn> Renderer::drawMorph(const core::Leaves& from, const core::Leaves& to, float share, const View& view) {
   if (auto fits = fit(view, {&first_, &second_}); !fits) return fits.error();
   passes_.before.update(from);
   passes_.mesh.update(to);
@@ -120,7 +120,7 @@ Outcome<Renderer::Drawn> Renderer::drawMorph(const scene::Leaves& from, const sc
   return finish(view, 1, began);
 }
 
-Outcome<Renderer::Drawn> Renderer::drawCorrected(const scene::Leaves& leaves, const View& view, std::uint32_t samples, int steps) {
+Outcome<Renderer::Drawn> Renderer::drawCorrected(const core::Leaves& leaves, const View& view, std::uint32_t samples, int steps) {
   if (!passes_.correction.canCorrect()) return drawMesh(leaves, view, samples);
   const View fine = supersampled(view, samples);
   if (auto fits = fit(fine, {&first_}); !fits) return fits.error();
@@ -153,7 +153,7 @@ std::vector<float> Renderer::positions() const {
   return out;
 }
 
-double Renderer::upload(const scene::Leaves& leaves) {
+double Renderer::upload(const core::Leaves& leaves) {
   glFinish();
   const auto began = std::chrono::steady_clock::now();
   passes_.mesh.update(leaves);

@@ -8,13 +8,13 @@
 #include <optional>
 #include <vector>
 
+#include "client/core/mesh/scene.h"
 #include "client/render/correction_pass.h"
 #include "client/render/march_pass.h"
 #include "client/render/mesh_pass.h"
 #include "client/render/morph_pass.h"
 #include "client/render/picture.h"
 #include "client/render/shade_pass.h"
-#include "client/scene/scene.h"
 #include "common/terrain/terrain.h"
 
 namespace ridgecast::render {
@@ -48,11 +48,11 @@ class Renderer {
     double cpuMilliseconds = 0;  // of all threads of this process: what a software driver costs, independent of other programs
   };
   // The view is the picture's; n x n samples a pixel, averaged as display values. Error: a picture larger than the driver can draw.
-  Outcome<Drawn> drawMesh(const scene::Leaves& leaves, const View& view, std::uint32_t samples = 1);
+  Outcome<Drawn> drawMesh(const core::Leaves& leaves, const View& view, std::uint32_t samples = 1);
   // The blend of two meshes (morph_pass.h).
-  Outcome<Drawn> drawMorph(const scene::Leaves& from, const scene::Leaves& to, float share, const View& view);
+  Outcome<Drawn> drawMorph(const core::Leaves& from, const core::Leaves& to, float share, const View& view);
   // The mesh with each sample moved onto the true terrain (correction_pass.h).
-  Outcome<Drawn> drawCorrected(const scene::Leaves& leaves, const View& view, std::uint32_t samples = 1, int steps = kCorrectionSteps);
+  Outcome<Drawn> drawCorrected(const core::Leaves& leaves, const View& view, std::uint32_t samples = 1, int steps = kCorrectionSteps);
   Outcome<Drawn> drawMarch(const View& view, std::uint32_t samples = 1, float fineness = 1);
 
   // The last drawing, coloured again with another `filtered`. Camera and samples must be the same.
@@ -60,7 +60,7 @@ class Renderer {
   // The last drawing's samples: x, y, z in metres from the camera, and 1 for ground or 0 for sky; rows from top to bottom.
   std::vector<float> positions() const;
   // Uploads the given leaves without drawing; returns the milliseconds until they are on the graphics card.
-  double upload(const scene::Leaves& leaves);
+  double upload(const core::Leaves& leaves);
 
  private:
   explicit Renderer(Passes passes) : passes_(std::move(passes)) {}

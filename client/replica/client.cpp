@@ -1,7 +1,10 @@
 #include "client/replica/client.h"
 
 #include <algorithm>
+#include <atomic>
+#include <future>
 #include <string>
+#include <thread>
 #include <utility>
 
 namespace ridgecast::replica {
@@ -18,6 +21,20 @@ auto timed(double& milliseconds, const Work& work) {
   auto done = work();
   milliseconds = std::chrono::duration<double, std::milli>(Clock::now() - began).count();
   return done;
+}
+
+// Scene::Spread, where there is much to do on a few threads of its own.
+void onThreads(std::size_t count, std::size_t bytes, const std::function<void(std::size_t)>& work) {
+  constexpr std::size_t kWorthAThread = 8 << 10, kMostThreads = 4;
+  std::atomic<std::size_t> next{0};
+  const auto some = [&] {
+    for (std::size_t k = next++; k < count; k = next++) work(k);
+  };
+  std::vector<std::future<void>> others(
+      std::min({bytes / kWorthAThread, kMostThreads - 1, std::size_t{std::max(1u, std::thread::hardware_concurrency())} - 1}));
+  for (auto& other : others) other = std::async(std::launch::async, some);
+  some();
+  for (auto& other : others) other.get();
 }
 
 }  // namespace
@@ -42,7 +59,7 @@ Outcome<void> Client::enterOtherWorld() {
   connection_ = std::move(*opened);
   tilesFrom_ = editsFrom_ = 0;
   edit_ = world().edit;
-  follower_.follow({hello_.points, world().shadedVertices, world().settings.triangleBudget});
+  follower_.follow({hello_.points, world().shadedVertices, world().settings.triangleBudget, onThreads});
   return {};
 }
 
@@ -56,7 +73,7 @@ std::optional<Update> Client::receive(std::chrono::milliseconds timeout) {
   auto received = connection_->receive(timeout);
   if (!received) return std::nullopt;
   Decoding decoding{std::move(*received)};
-  Follower::Answer answered = timed(decoding.milliseconds, [&] { return follower_.apply(decoding.received.iteration); });
+  core::Follower::Answer answered = timed(decoding.milliseconds, [&] { return follower_.apply(decoding.received.iteration); });
   return answer(std::move(decoding), std::move(answered));
 }
 
@@ -71,7 +88,7 @@ Outcome<Update> Client::await(std::uint64_t sequence, std::chrono::milliseconds 
   }
 }
 
-Outcome<bool> Client::exchangeTiles(scene::HeightWindow& window) {
+Outcome<bool> Client::exchangeTiles(core::HeightWindow& window) {
   if (std::exchange(tilesFrom_, connection_->reconnections()) != connection_->reconnections()) window.forgetRequests();
   const auto tiles = connection_->takeTiles();
   for (const wire::HeightTile& tile : tiles)
@@ -80,7 +97,7 @@ Outcome<bool> Client::exchangeTiles(scene::HeightWindow& window) {
   return !tiles.empty();
 }
 
-Outcome<bool> Client::exchangeEdits(scene::HeldEdits& edits) {
+Outcome<bool> Client::exchangeEdits(core::HeldEdits& edits) {
   if (world().revision < 5 || world().terrainSource.empty()) return false;
   if (std::exchange(editsFrom_, connection_->reconnections()) != connection_->reconnections()) edits.reconnected(edit_ = world().edit);
   const auto [found, squares] = connection_->takeEditsFound();
@@ -110,11 +127,11 @@ std::optional<Update> Client::poll(std::chrono::milliseconds soon, const std::fu
   }
   if (decoding_->prepared.wait_for(soon) != std::future_status::ready) return std::nullopt;
   const std::unique_ptr<Decoding> decoding = std::move(decoding_);
-  Follower::Answer answered = follower_.take(decoding->received.iteration, decoding->prepared.get());
+  core::Follower::Answer answered = follower_.take(decoding->received.iteration, decoding->prepared.get());
   return answer(std::move(*decoding), std::move(answered));
 }
 
-Update Client::answer(Decoding&& decoding, Follower::Answer answer) {
+Update Client::answer(Decoding&& decoding, core::Follower::Answer answer) {
   Update update{std::move(decoding.received.iteration), decoding.received.bytes, decoding.milliseconds, {}};
   if (answer.resend) connection_->resend(*answer.resend);
   connection_->acknowledge(answer.acknowledge);

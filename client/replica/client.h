@@ -17,10 +17,10 @@
 #include <vector>
 
 #include "client/connection/connection.h"
-#include "client/replica/follower.h"
-#include "client/scene/height_window.h"
-#include "client/scene/held_edits.h"
-#include "client/scene/scene.h"
+#include "client/core/ground/height_window.h"
+#include "client/core/ground/held_edits.h"
+#include "client/core/mesh/follower.h"
+#include "client/core/mesh/scene.h"
 #include "common/camera/camera.h"
 #include "common/outcome/outcome.h"
 #include "common/wire/messages.h"
@@ -44,7 +44,7 @@ class Client {
   // sequences go on. Blocks as open() does. Error: as open's; the client stays as it was.
   Outcome<void> enterOtherWorld();
 
-  const scene::Scene& scene() const { return follower_.scene(); }
+  const core::Scene& scene() const { return follower_.scene(); }
   const wire::World& world() const { return connection_->world(); }  // good until receive(), poll() or await() is called
   connection::Connection& connection() { return *connection_; }
   const connection::Connection& connection() const { return *connection_; }
@@ -63,11 +63,11 @@ class Client {
 
   // Takes a height map's tiles that have come and requests missing ones; never blocks. One window a client. Returns whether any came.
   // Error: the server sent no tile, or one that was not requested.
-  Outcome<bool> exchangeTiles(scene::HeightWindow& window);
+  Outcome<bool> exchangeTiles(core::HeightWindow& window);
 
   // The same with edits of the ground: takes what has come, and asks for what they lack as of the newest iteration. Does nothing where the
   // terrain is private or the server does not tell (World::revision below 5).
-  Outcome<bool> exchangeEdits(scene::HeldEdits& edits);
+  Outcome<bool> exchangeEdits(core::HeldEdits& edits);
 
   // As receive(), but does not wait for an iteration to come, and at most `soon` until it is decoded. Decoding continues on its own thread,
   // which calls `ready`; a later call returns the iteration. scene() may be read meanwhile. Makes all leaves: for windows.
@@ -77,15 +77,15 @@ class Client {
   struct Decoding {
     core::Received received;
     double milliseconds = 0;
-    std::future<Outcome<scene::Scene::Prepared>> prepared{};
+    std::future<Outcome<core::Scene::Prepared>> prepared{};
   };
   Client(const core::Url& url, wire::Hello hello, const Options& options) : url_(url), hello_(std::move(hello)), options_(options) {}
-  Update answer(Decoding&& decoding, Follower::Answer answer);
+  Update answer(Decoding&& decoding, core::Follower::Answer answer);
 
   const core::Url url_;
   const wire::Hello hello_;
   const Options options_;
-  Follower follower_;
+  core::Follower follower_;
   std::unique_ptr<connection::Connection> connection_;  // never null
   std::uint64_t sequence_ = 0, resumed_ = 0;
   std::uint64_t tilesFrom_ = 0, editsFrom_ = 0;  // the reconnection that tiles, and edits, are requested of

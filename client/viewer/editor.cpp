@@ -6,7 +6,7 @@
 #include <numbers>
 #include <random>
 
-#include "client/query/mesh_ground.h"
+#include "client/core/mesh/mesh_ground.h"
 
 namespace ridgecast::viewer {
 namespace {
@@ -164,7 +164,7 @@ std::optional<lattice::Vertex> Editor::groundBelow(const camera::Camera& camera,
   camera::Vec3 d = towards(camera, at.first, at.second);
   const double length = std::sqrt(d.x * d.x + d.y * d.y + d.z * d.z);
   d = {d.x / length, d.y / length, d.z / length};
-  const auto hit = query::cast(client_.scene(), {pose.x, pose.z, pose.y, d.x, d.y, d.z, kReach});
+  const auto hit = core::cast(client_.scene(), {pose.x, pose.z, pose.y, d.x, d.y, d.z, kReach});
   if (!hit) return std::nullopt;
   const double steps = hit->distance * lattice::kStepsPerMetre;
   return lattice::Vertex{along(pose.x, d.x * steps), along(pose.z, d.z * steps),

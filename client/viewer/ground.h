@@ -30,11 +30,11 @@ class Ground {
   bool followEdits(lattice::Point camera);
 
   std::shared_ptr<const terrain::Terrain> terrain_;  // null: not known here
-  scene::HeldEdits edits_;
+  core::HeldEdits edits_;
   std::uint64_t editsSeen_ = 0;
   std::shared_ptr<const terrain::Terrain> edited_;  // terrain_ with these edits
   render::EditTexture editTexture_;
-  std::shared_ptr<scene::HeightWindow> tiles_;  // of a height map, the same terrain; otherwise null
+  std::shared_ptr<core::HeightWindow> tiles_;  // of a height map, the same terrain; otherwise null
   std::optional<render::HeightTexture> texture_;
   std::optional<lattice::Point> boundsAt_;
   render::HeightBounds bounds_;

@@ -41,7 +41,7 @@ Colour errorColour(double pixels, double threshold) {
   return along(kInferno, 0.32 - 0.32 * doublings / range);
 }
 
-void LeafAges::update(const scene::Leaves& leaves, double now) {
+void LeafAges::update(const core::Leaves& leaves, double now) {
   std::erase_if(seen_, [&](const auto& entry) { return !leaves.contains(entry.first); });
   for (const auto& [address, leaf] : leaves) {
     Seen& seen = seen_[address];

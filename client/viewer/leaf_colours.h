@@ -6,7 +6,7 @@
 #include <cstdint>
 #include <unordered_map>
 
-#include "client/scene/scene.h"
+#include "client/core/mesh/scene.h"
 
 namespace ridgecast::viewer {
 
@@ -23,7 +23,7 @@ inline constexpr double kErrorRange = 8;
 class LeafAges {
  public:
   // Call after every iteration; `now` in seconds ascends. Leaves of the first call count as oldest.
-  void update(const scene::Leaves& leaves, double now);
+  void update(const core::Leaves& leaves, double now);
   double age(const lattice::LeafAddress& address, double now) const;  // kOld if unknown
   // Whether some leaf's colour still changes.
   bool moving(double now) const { return now - newest_ < kOld; }

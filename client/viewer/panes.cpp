@@ -47,7 +47,7 @@ Outcome<void> MeshPane::fitBefore() {
   return render::fit(second_, size.width(), size.height(), passes_.mesh.shaded());
 }
 
-Outcome<bool> MeshPane::update(const render::View& view, const scene::Scene& scene, std::uint64_t sceneVersion, bool moving) {
+Outcome<bool> MeshPane::update(const render::View& view, const core::Scene& scene, std::uint64_t sceneVersion, bool moving) {
   const double now = nowInSeconds();
   const bool wasActive = morph_.active();
   morph_.advance(scene.leaves(), sceneVersion, now, smooth_);

@@ -40,7 +40,7 @@ class MeshPane {
   explicit MeshPane(Passes& passes) : passes_(passes) {}
   // Returns whether it drew or will soon draw finer. `sceneVersion` tells scenes apart. Error: the window is larger than the driver can
   // draw.
-  Outcome<bool> update(const render::View& view, const scene::Scene& scene, std::uint64_t sceneVersion, bool moving);
+  Outcome<bool> update(const render::View& view, const core::Scene& scene, std::uint64_t sceneVersion, bool moving);
   // Shows changes of the mesh over a fraction of a second (render/morph.h), or at once.
   void setSmooth(bool smooth) { smooth_ = smooth; }
   // Whether to correct the mesh, if the terrain's function is known.

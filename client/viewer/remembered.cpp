@@ -12,7 +12,7 @@
 
 #include "client/viewer/controls.h"
 #include "client/viewer/coordinates.h"
-#include "common/text/text.h"
+#include "common/text/file.h"
 
 namespace ridgecast::viewer {
 namespace {

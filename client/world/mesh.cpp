@@ -18,7 +18,7 @@ struct PlaceHash {
 
 }  // namespace
 
-Mesh meshOf(const scene::Leaves& leaves, lattice::Point origin) {
+Mesh meshOf(const core::Leaves& leaves, lattice::Point origin) {
   Mesh out{.origin = origin};
   std::unordered_map<lattice::Point, std::uint32_t, PlaceHash> numbers;
   std::vector<std::uint32_t> numberOf;  // by the leaf's own

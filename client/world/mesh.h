@@ -5,7 +5,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "client/scene/scene.h"
+#include "client/core/mesh/scene.h"
 #include "common/lattice/lattice.h"
 
 namespace ridgecast::world {
@@ -20,6 +20,6 @@ struct Mesh {
 };
 
 // In canonical order of the leaves: equal leaves give equal arrays.
-Mesh meshOf(const scene::Leaves& leaves, lattice::Point origin);
+Mesh meshOf(const core::Leaves& leaves, lattice::Point origin);
 
 }  // namespace ridgecast::world

@@ -3,7 +3,8 @@
 #include <algorithm>
 #include <utility>
 
-#include "client/query/mesh_ground.h"
+#include "client/core/mesh/mesh_ground.h"
+#include "client/query/patch.h"
 #include "common/wire/wire.h"
 
 namespace ridgecast::world {

@@ -118,7 +118,7 @@ class World {
   // `state`: what the others hear of this member, at most wire::kMaxStateBytes. Returns the pose's sequence.
   Result<std::uint64_t> send(const camera::Camera& camera, std::span<const std::uint8_t> state = {});
   Result<replica::Update> receive(Milliseconds timeout);
-  const scene::Scene& scene() const { return client_->scene(); }
+  const core::Scene& scene() const { return client_->scene(); }
   std::uint64_t reconnections() const { return client_->connection().reconnections(); }
 
  private:

@@ -12,7 +12,7 @@
 #include <nlohmann/json.hpp>
 
 #include "common/outcome/contract.h"
-#include "common/text/text.h"
+#include "common/text/file.h"
 
 namespace ridgecast::camera {
 namespace {

@@ -8,7 +8,7 @@
 #include <string>
 #include <utility>
 
-#include "common/codec/edgebreaker.h"
+#include "common/codec/draco.h"
 #include "common/codec/varint.h"
 
 namespace ridgecast::codec {
@@ -96,6 +96,31 @@ std::string decodePlain(std::span<const std::uint8_t> bytes, std::uint32_t verti
     out.triangles.push_back({static_cast<std::uint32_t>(first), static_cast<std::uint32_t>(b), static_cast<std::uint32_t>(c)});
   }
   if (!reader.rest().empty()) return "it has bytes after its end";
+  return {};
+}
+
+// The start of all our streams: magic, bitstream 2.2, triangular mesh, edgebreaker, no flags, standard traversal.
+constexpr std::array<std::uint8_t, 12> kStart{'D', 'R', 'A', 'C', 'O', 2, 2, 1, 1, 0, 0, 0};
+
+// Accepts only streams of encodeEdgebreaker's kind with `triangles` triangles. Checks every count before Draco allocates for it.
+std::string decodeEdgebreaker(std::span<const std::uint8_t> bytes, std::uint32_t triangles, Soup& out) {
+  if (bytes.size() < kStart.size() || !std::equal(kStart.begin(), kStart.end(), bytes.begin()))
+    return "its Draco stream is not of the one kind that is used (2.2, edgebreaker, standard traversal, no metadata)";
+  Reader reader(bytes.subspan(kStart.size()));
+  std::uint64_t vertices = 0, faces = 0, symbols = 0, splits = 0;
+  std::uint8_t moreAttributes = 0;
+  if (!reader.varint(vertices) || !reader.varint(faces) || !reader.byte(moreAttributes) || !reader.varint(symbols) ||
+      !reader.varint(splits))
+    return "its Draco stream ends within its header";
+  if (faces != triangles || vertices > 3 * faces || moreAttributes != 0 || symbols > faces || splits > symbols)
+    return "its Draco stream does not have the announced counts";
+  if (faces > 8 * static_cast<std::uint64_t>(bytes.size())) return "its Draco stream is too short for its counts";  // a bit a triangle
+
+  if (std::string wrong = decodeDraco(bytes, triangles, out); !wrong.empty()) return wrong;
+  for (const std::array<std::uint32_t, 3>& q : out.points)
+    if (std::max({q[0], q[1], q[2]}) > kMaxDracoValue) return "a vertex is out of range";
+  for (const mesh::Triangle& t : out.triangles)
+    if (std::max({t[0], t[1], t[2]}) >= out.points.size()) return "a triangle names a vertex that is not there";
   return {};
 }
 

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <array>
 #include <cstdio>
-#include <fstream>
 
 namespace ridgecast::text {
 
@@ -78,15 +77,6 @@ std::string withoutFolders(std::string_view sentence) {
     sentence.remove_prefix(word.size());
   }
   return out;
-}
-
-std::optional<std::string> readFile(const std::filesystem::path& file, std::size_t most) {
-  std::ifstream in(file, std::ios::binary);
-  std::string bytes;
-  for (std::array<char, 16 << 10> part; in && bytes.size() <= most; bytes.append(part.data(), static_cast<std::size_t>(in.gcount())))
-    in.read(part.data(), static_cast<std::streamsize>(std::min(part.size(), most + 1 - bytes.size())));
-  if (!in.is_open() || in.bad()) return std::nullopt;
-  return bytes;
 }
 
 }  // namespace ridgecast::text

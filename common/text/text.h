@@ -1,10 +1,9 @@
 #pragma once
-// Reading and writing small texts: parts of lists, numbers, URLs, files. Pure except for readFile(); any thread.
+// Reading and writing small texts: parts of lists, numbers, URLs. Pure; any thread.
 
 #include <charconv>
 #include <cmath>
 #include <cstdint>
-#include <filesystem>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -47,8 +46,5 @@ std::string oneLine(std::string_view text);
 
 // A sentence with each absolute path cut down to its last name, for those who are not to learn where a machine has its files.
 std::string withoutFolders(std::string_view sentence);
-
-// A file's bytes; of a file with more than `most`, the first most + 1. Nothing: it cannot be read.
-std::optional<std::string> readFile(const std::filesystem::path& file, std::size_t most);
 
 }  // namespace ridgecast::text

@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "common/terrain/variants.h"
+#include "common/text/file.h"
 #include "common/text/text.h"
 #include "common/user_terrain/check.h"
 #include "common/user_terrain/complaints.h"

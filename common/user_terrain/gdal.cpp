@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <chrono>
 
-#include "common/text/text.h"
+#include "common/text/file.h"
 #include "common/user_terrain/child.h"
 
 namespace ridgecast::user_terrain {

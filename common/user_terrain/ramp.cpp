@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "common/lattice/lattice.h"
+#include "common/text/file.h"
 #include "common/text/text.h"
 
 namespace ridgecast::user_terrain {

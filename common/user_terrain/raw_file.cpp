@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "common/terrain/raster.h"
+#include "common/text/file.h"
 #include "common/text/text.h"
 #include "common/user_terrain/raster_file.h"
 

@@ -13,7 +13,7 @@
 #include <nlohmann/json.hpp>
 #include <optional>
 
-#include "common/text/text.h"
+#include "common/text/file.h"
 #include "server/access/crypto.h"
 
 namespace ridgecast::access {

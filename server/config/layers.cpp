@@ -9,6 +9,7 @@
 #include <string_view>
 #include <vector>
 
+#include "common/text/file.h"
 #include "common/text/text.h"
 
 namespace ridgecast::config {

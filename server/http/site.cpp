@@ -4,6 +4,7 @@
 #include <system_error>
 #include <utility>
 
+#include "common/text/file.h"
 #include "common/text/text.h"
 #include "server/access/crypto.h"
 #include "server/access/host.h"

@@ -9,6 +9,7 @@
 
 #include "common/edits/edited_terrain.h"
 #include "common/terrain/raster.h"
+#include "common/text/file.h"
 #include "common/text/text.h"
 #include "common/user_terrain/gdal.h"
 

@@ -5,7 +5,7 @@
 #include <memory>
 #include <stdexcept>
 
-#include "client/scene/scene.h"
+#include "client/core/mesh/scene.h"
 #include "common/camera/path.h"
 #include "common/codec/codec.h"
 #include "common/terrain/terrain.h"
@@ -60,7 +60,7 @@ class Stream {
  private:
   replica::Replica replica_;
   encoding::Encoder encoder_;
-  scene::Scene scene_;
+  core::Scene scene_;
 };
 
 struct Flown {

@@ -17,7 +17,7 @@
 #include <thread>
 
 #include "client/connection/connection.h"
-#include "client/replica/follower.h"
+#include "client/core/mesh/follower.h"
 #include "common/camera/path.h"
 #include "common/terrain/terrain.h"
 #include "tests/bench/bench.h"
@@ -169,7 +169,7 @@ class Stream {
   }
 
  private:
-  replica::Follower follower_;
+  core::Follower follower_;
   std::unique_ptr<connection::Connection> connection_;
   std::uint64_t sequence_ = 0;
   bool settled_ = false;

@@ -129,7 +129,7 @@ Report soak(const Options& options) {
         if (firstFailure.empty()) firstFailure = "iteration " + std::to_string(n) + ": " + report.text();
       }
       if (!folder.empty()) {
-        std::map<lattice::LeafAddress, scene::HeldLeaf> held;
+        std::map<lattice::LeafAddress, core::HeldLeaf> held;
         for (auto& leaf : all) {
           const auto address = leaf.address;
           held[address].mesh = std::make_shared<const mesh::LeafMesh>(std::move(leaf));

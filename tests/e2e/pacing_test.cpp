@@ -109,7 +109,7 @@ TEST(FreePacing, NothingIsSentBeyondTheWindowWithoutAnAcknowledgement) {
   }
   ASSERT_EQ(got.size(), 2u);
   // One word about both opens the window again, and what comes is for the newest pose.
-  scene::Scene held;
+  core::Scene held;
   for (const wire::Iteration& i : got) ASSERT_TRUE(held.apply(i));
   EXPECT_EQ(held.hash(), got[1].meshHash);
   c.acknowledge({2, held.hash()});

@@ -10,10 +10,10 @@
 #include <string>
 #include <vector>
 
+#include "client/core/ground/height_window.h"
 #include "client/render/context.h"
 #include "client/render/picture.h"
 #include "client/replica/client.h"
-#include "client/scene/height_window.h"
 #include "common/user_terrain/raster_terrain.h"
 #include "tests/support/geo_tiff.h"
 #include "tests/support/process.h"
@@ -129,7 +129,7 @@ TEST_F(TerrainFlight, DetailOnAMapIsTheSameGroundOnEverySide) {
   ASSERT_TRUE(world.heightMap);
   EXPECT_EQ(world.heightMap->x.pitch, terrain::pitchOf(800));
   EXPECT_EQ(world.terrainSource, terrain->source());
-  scene::HeightWindow window(world.terrainName, world.terrainSource, world.seed, *world.heightMap, 1000);
+  core::HeightWindow window(world.terrainName, world.terrainSource, world.seed, *world.heightMap, 1000);
   window.moveTo({500 * 256, 900 * 256});
   ASSERT_TRUE(await([&] { return client->exchangeTiles(window), window.complete(); }));
   window.heights(x, z, held);

@@ -5,7 +5,7 @@
 #include <cstdlib>
 #include <vector>
 
-#include "client/scene/point_mesh.h"
+#include "client/core/mesh/point_mesh.h"
 #include "common/codec/codec.h"
 #include "tests/support/leaf_meshes.h"
 
@@ -56,8 +56,8 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     require(back && *back == *leaf);
     return 0;
   }
-  static scene::PointMesh points(false);
-  const scene::PointMesh::Held held{&base, nullptr};
+  static core::PointMesh points(false);
+  const core::PointMesh::Held held{&base, nullptr};
   if (!points.begin({&held, 1})) return 0;
   // The leaf stays, splits, merges, goes, or has a neighbour, as the input wants; a second payload may follow the first.
   const lattice::LeafAddress a = base.address, beside{a.level, a.i + 1, a.j};
@@ -71,7 +71,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   const std::span<const std::uint8_t> all(bytes);
   if (!points.follow({gone, come, all.first(cut), {}})) return 0;
   if (!points.follow({{}, {}, all.subspan(cut), {}})) return 0;
-  for (const scene::PointMesh::Changed& changed : points.takeChanged()) {
+  for (const core::PointMesh::Changed& changed : points.takeChanged()) {
     mesh::LeafMesh leaf = points.extract(changed.leaf).mesh;
     require(leaf.triangles.size() == changed.triangles);
     for (const mesh::Triangle& t : leaf.triangles)

@@ -4,7 +4,7 @@
 #include <cstdlib>
 #include <vector>
 
-#include "client/scene/scene.h"
+#include "client/core/mesh/scene.h"
 #include "common/wire/wire.h"
 
 namespace {
@@ -15,7 +15,7 @@ void require(bool ok) {
   if (!ok) std::abort();
 }
 
-void check(const scene::Scene& scene) {
+void check(const core::Scene& scene) {
   std::uint64_t hash = 0, triangles = 0;
   for (const auto& [address, leaf] : scene.leaves()) {
     mesh::LeafMesh ordered = *leaf.mesh;
@@ -30,8 +30,8 @@ void check(const scene::Scene& scene) {
 }  // namespace
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
-  static scene::Scene scene = [] {  // made once: its triangulation takes a millisecond
-    scene::Scene made;
+  static core::Scene scene = [] {  // made once: its triangulation takes a millisecond
+    core::Scene made;
     made.follow({.points = true});
     return made;
   }();

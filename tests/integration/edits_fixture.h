@@ -12,7 +12,7 @@
 #include <vector>
 
 #include "client/connection/connection.h"
-#include "client/replica/follower.h"
+#include "client/core/mesh/follower.h"
 #include "common/edits/json.h"
 #include "server/http/edits.h"
 #include "server/http/map_tiles.h"
@@ -94,7 +94,7 @@ class Member {
 
  private:
   std::unique_ptr<Connection> connection_;
-  replica::Follower follower_;
+  core::Follower follower_;
   std::vector<wire::MadeEdit> edits_;
   std::uint64_t sequence_ = 0, hash_ = 0, edit_ = 0;
   bool settled_ = false;

@@ -69,7 +69,7 @@ TEST_F(EditsTest, PostsThatAreFetchedGiveTheServersGround) {
   Member editor(port(), "ann");
   const auto client = replica::Client::open({"127.0.0.1", std::to_string(port()), "default"}, wire::Hello{});
   ASSERT_TRUE(client) << client.error().message;
-  scene::HeldEdits held((*client)->world().horizon);
+  core::HeldEdits held((*client)->world().horizon);
   held.moveTo({0, 0});
   camera::Camera camera;
   camera.pose.y = base->height({0, 0}) + 60;

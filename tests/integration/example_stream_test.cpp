@@ -15,7 +15,7 @@
 #include <utility>
 
 #include "client/connection/connection.h"
-#include "client/scene/scene.h"
+#include "client/core/mesh/scene.h"
 #include "common/wire/wire.h"
 #include "server/logging/logging.h"
 #include "server/net/server.h"
@@ -42,12 +42,12 @@ std::string framed(const wire::ServerMessage& message) {
 }
 
 // What a client holds after an iteration; the vertices and triangles of the leaves that it brought or changed.
-void describe(const wire::Iteration& iteration, const scene::Scene& scene, std::ostream& out) {
+void describe(const wire::Iteration& iteration, const core::Scene& scene, std::ostream& out) {
   out << std::dec << "iteration " << iteration.number << " leaves " << scene.leaves().size() << " triangles " << scene.triangles()
       << " hash " << std::hex << scene.hash() << '\n';
   for (const auto& a : iteration.gone) out << std::dec << "gone " << a.level << ' ' << a.i << ' ' << a.j << '\n';
   const auto leaf = [&](const char* how, const lattice::LeafAddress& a) {
-    const scene::HeldLeaf& held = scene.leaves().at(a);
+    const core::HeldLeaf& held = scene.leaves().at(a);
     mesh::LeafMesh ordered = *held.mesh;
     mesh::canonicalize(ordered);
     out << how << std::dec << ' ' << a.level << ' ' << a.i << ' ' << a.j << " hash " << std::hex << held.hash << std::dec << '\n';
@@ -55,7 +55,7 @@ void describe(const wire::Iteration& iteration, const scene::Scene& scene, std::
     for (const mesh::Triangle& t : ordered.triangles) out << "t " << t[0] << ' ' << t[1] << ' ' << t[2] << '\n';
   };
   for (const auto& whole : iteration.whole) leaf("whole", whole.address);
-  const auto newest = std::ranges::max(scene.leaves() | std::views::values | std::views::transform(&scene::HeldLeaf::version));
+  const auto newest = std::ranges::max(scene.leaves() | std::views::values | std::views::transform(&core::HeldLeaf::version));
   for (const auto& [address, held] : scene.leaves())
     if (iteration.whole.empty() && held.version == newest)
       leaf(std::ranges::find(iteration.come, address) == iteration.come.end() ? "changed" : "come", address);
@@ -63,7 +63,7 @@ void describe(const wire::Iteration& iteration, const scene::Scene& scene, std::
 
 // Heights by place, of all vertices.
 using Points = std::map<std::pair<lattice::Step, lattice::Step>, std::int32_t>;
-Points pointsOf(const scene::Scene& scene) {
+Points pointsOf(const core::Scene& scene) {
   Points points;
   for (const auto& [address, held] : scene.leaves())
     for (const mesh::LocalVertex& v : held.mesh->vertices) points[{address.x() + v.x, address.z() + v.z}] = v.y;
@@ -93,7 +93,7 @@ std::string record() {
     wire::World world = connection->world();
     world.terrainSource.clear();  // long, and of no use here
     stream += framed(world);
-    scene::Scene scene;
+    core::Scene scene;
     scene.follow({.points = true});
     std::uint64_t sequence = 0;
     const auto step = [&](const camera::Camera& camera) {
@@ -126,7 +126,7 @@ TEST(ExampleStream, DecodesToTheLeavesBesideIt) {
   const bool records = std::getenv("RIDGECAST_RECORD_EXAMPLE");
   std::string stream = records ? record() : contentOf(kFolder + "/stream.bin");
   if (records) std::ofstream(kFolder + "/stream.bin", std::ios::binary) << stream;
-  scene::Scene scene;
+  core::Scene scene;
   scene.follow({.points = true});
   std::ostringstream leaves;
   std::size_t worlds = 0, iterations = 0, gone = 0, raised = 0, come = 0;

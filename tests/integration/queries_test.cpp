@@ -18,7 +18,8 @@
 
 #include "client/connection/connection.h"
 #include "client/query/ground.h"
-#include "client/query/mesh_ground.h"
+#include "client/core/mesh/mesh_ground.h"
+#include "client/query/patch.h"
 #include "common/wire/wire.h"
 #include "server/http/queries.h"
 #include "tests/integration/loopback.h"
@@ -170,7 +171,7 @@ TEST_F(QueriesTest, AMeshKeepsItsBoundOnADenseSample) {
   hello.settings.threshold = 4;
   auto connection = join("alpine", hello);
   Ground truth(*connection);
-  scene::Scene scene;
+  core::Scene scene;
   wire::PoseMessage pose;
   pose.sequence = 1;
   pose.camera.pose = {.x = 2000 * 256, .z = 1500 * 256, .remainderX = 0, .remainderZ = 0, .y = 1900, .yaw = 0.3, .pitch = -0.3};
@@ -191,7 +192,7 @@ TEST_F(QueriesTest, AMeshKeepsItsBoundOnADenseSample) {
     const double reach = k % 2 == 0 ? 300 * 256 : 8000 * 256;
     const auto one = [&] { return static_cast<Step>(std::uniform_real_distribution<double>(-reach, reach)(random)); };
     const lattice::Point at{pose.camera.pose.x + one(), pose.camera.pose.z + one()};
-    const auto height = query::heightOf(scene, at);
+    const auto height = core::heightOf(scene, at);
     if (!height) continue;
     ASSERT_TRUE(std::isfinite(height->bound));
     EXPECT_GT(height->normalY, 0);
@@ -206,10 +207,10 @@ TEST_F(QueriesTest, AMeshKeepsItsBoundOnADenseSample) {
   std::printf("%zu places of the streamed mesh: at most %.2f of the bound\n", asked, worst);
   // A ray straight down meets the mesh at its height.
   const lattice::Point below{pose.camera.pose.x, pose.camera.pose.z};
-  const auto hit = query::cast(scene, {below.x, below.z, 3000, 0, -1, 0, 5000});
+  const auto hit = core::cast(scene, {below.x, below.z, 3000, 0, -1, 0, 5000});
   ASSERT_TRUE(hit);
-  EXPECT_NEAR(3000 - hit->distance, query::heightOf(scene, below)->height, 1e-6);
-  EXPECT_FALSE(query::cast(scene, {below.x, below.z, 9000, 0, 1, 0, 5000}));
+  EXPECT_NEAR(3000 - hit->distance, core::heightOf(scene, below)->height, 1e-6);
+  EXPECT_FALSE(core::cast(scene, {below.x, below.z, 9000, 0, 1, 0, 5000}));
 }
 
 TEST_F(QueriesTest, TheGroundAroundAPointHasTheErrorThatWasAskedFor) {
@@ -230,7 +231,7 @@ TEST_F(QueriesTest, TheGroundAroundAPointHasTheErrorThatWasAskedFor) {
         const double angle = std::uniform_real_distribution<double>(0, 6.28318)(random);
         const double far = std::sqrt(std::uniform_real_distribution<double>(0, 1)(random)) * radius * 256;
         const lattice::Point place{at.x + static_cast<Step>(far * std::cos(angle)), at.z + static_cast<Step>(far * std::sin(angle))};
-        const auto height = query::heightOf(patch->scene, place);
+        const auto height = core::heightOf(patch->scene, place);
         ASSERT_TRUE(height) << "the whole circle is covered";
         float exact = 0;
         ASSERT_TRUE(truth.heights({&place.x, 1}, {&place.z, 1}, {&exact, 1}));
@@ -248,7 +249,7 @@ TEST_F(QueriesTest, TheGroundAroundAPointHasTheErrorThatWasAskedFor) {
 // Two clients ask a server with two threads for far more than their budgets allow. An honest camera gets its iterations meanwhile.
 TEST_F(QueriesTest, TwoLargeGroundsDoNotStopACamera) {
   auto honest = join("alpine"), one = join("alpine"), other = join("alpine");
-  scene::Scene mesh;
+  core::Scene mesh;
   const auto fly = [&](std::uint64_t sequence) {
     wire::PoseMessage pose;
     pose.sequence = sequence;

@@ -135,7 +135,7 @@ TEST_F(StreamTest, AMeshThatWentWrongIsMended) {
   hello.settings = coarse();
   hello.pacing = wire::Pacing::kLockstep;
   auto connection = connection::Connection::open(core::parseUrl(url()).value(), hello, {.reconnects = false, .timeout = kTimeout}).value();
-  scene::Scene held;
+  core::Scene held;
   std::uint64_t sequence = 0;
   const auto next = [&] {
     connection->send({++sequence, cameraAt(0)});
@@ -149,7 +149,7 @@ TEST_F(StreamTest, AMeshThatWentWrongIsMended) {
   connection->acknowledge({first.number, first.meshHash + 1});
   auto second = next();
   EXPECT_EQ(second.whole.size(), held.leaves().size());
-  scene::Scene fresh;
+  core::Scene fresh;
   ASSERT_TRUE(fresh.apply(second));
   EXPECT_EQ(fresh.hash(), second.meshHash);
   connection->acknowledge({second.number, fresh.hash()});
@@ -166,7 +166,7 @@ TEST_F(StreamTest, SettingsChangeOnTheWayAndTheMeshStaysTheSameOnBothSides) {
   wire::Hello hello;
   hello.settings = coarse();
   auto connection = connection::Connection::open(core::parseUrl(url()).value(), hello, {.reconnects = false, .timeout = kTimeout}).value();
-  scene::Scene held;
+  core::Scene held;
   const auto settle = [&] {
     for (int k = 0; k < 500; ++k) {
       const auto r = connection->receive(kTimeout);

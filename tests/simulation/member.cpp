@@ -46,7 +46,7 @@ Member::Member(std::string name, Server& server, Truth& truth, SimulatedTimer& t
 // ---- the line ----
 
 void Member::join() {
-  client_.emplace(core::Url{.session = nature_.session}, nature_.hello, true, static_cast<std::uint32_t>(random_()));
+  client_.emplace(core::Url{.session = nature_.session}, nature_.hello, core::Returns::kToItsWorld, static_cast<std::uint32_t>(random_()));
   threshold_ = nature_.hello.settings.threshold;
   follower_ = {};
   editor_.forget();
@@ -353,7 +353,7 @@ void Member::take(const wire::Iteration& iteration) {
 // Also when its line is lost meanwhile.
 void Member::digest(const wire::Iteration& iteration) {
   thinks_ = false;
-  const replica::Follower::Answer answer = follower_.apply(iteration);
+  const core::Follower::Answer answer = follower_.apply(iteration);
   EXPECT_FALSE(answer.wrong) << name_ << ": " << answer.wrong->message;
   settled_ = iteration.settled && iteration.poseSequence == sequence_;
   saw(iteration.meshHash);

@@ -12,7 +12,7 @@
 #include <string>
 
 #include "client/core/conversation/reconnector.h"
-#include "client/replica/follower.h"
+#include "client/core/mesh/follower.h"
 #include "tests/simulation/editor.h"
 #include "tests/simulation/line.h"
 #include "tests/simulation/poster.h"
@@ -107,7 +107,7 @@ class Member {
   Editor editor_;
   Poster poster_;
   lattice::Point site_;  // what it edits
-  replica::Follower follower_;
+  core::Follower follower_;
   camera::Camera camera_;
   double heading_ = 0, threshold_ = 0;
   std::uint64_t sequence_ = 0, history_ = 0;

@@ -63,9 +63,9 @@ MUTANTS = [
      "    if (std::exchange(runs_, true)) return true;\n",
      "    if (std::exchange(runs_, true)) return true;\n    if (*open_ > 2) return true;\n"),
     ("server/session/places.cpp", "  --places_->cameras_;\n", ""),
-    ("client/replica/follower.cpp", "  scene_.reconnect();\n", ""),
-    ("client/scene/scene.cpp", "iteration_.number == 1 || !iteration_.whole.empty()", "!iteration_.whole.empty()"),
-    ("client/scene/point_mesh.cpp",
+    ("client/core/mesh/follower.cpp", "  scene_.reconnect();\n", ""),
+    ("client/core/mesh/scene.cpp", "iteration_.number == 1 || !iteration_.whole.empty()", "!iteration_.whole.empty()"),
+    ("client/core/mesh/point_mesh.cpp",
      "  if (!replaceLeaves(step)) return false;\n  open_.clear();\n",
      "  if (!replaceLeaves(step)) return false;\n"),
     # Acknowledged before it is on the disk.
@@ -178,7 +178,7 @@ MUTANTS = [
      "asan raster_files_test"),
     ("common/points/points.cpp", "std::min(number(n, static_cast<std::uint32_t>(std::abs(v))), 1u << 30)",
      "number(n, static_cast<std::uint32_t>(std::abs(v)))", "asan points_test"),
-    ("client/scene/point_mesh.cpp", "  reserve(vertices.size());\n  allow(", "  allow(", "asan scene_test"),
+    ("client/core/mesh/point_mesh.cpp", "  reserve(vertices.size());\n  allow(", "  allow(", "asan core_mesh_test"),
     # Threads.
     ("client/standing/standing_ground.cpp", "    const std::lock_guard lock(mutex_);\n    ends_ = true;\n", "    ends_ = true;\n",
      "tsan standing_ground_test"),

@@ -21,7 +21,7 @@ class Flier {
 
   const wire::World& world() const { return client_->world(); }
   connection::Connection& connection() { return client_->connection(); }
-  const scene::Scene& scene() const { return client_->scene(); }
+  const core::Scene& scene() const { return client_->scene(); }
 
   // One pose, sent and not waited for; its sequence.
   std::uint64_t send(const camera::Camera& camera) { return client_->send(camera); }

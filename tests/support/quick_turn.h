@@ -24,7 +24,7 @@ inline double percentile(std::vector<double> values, double share) {
 }
 
 // Points all round, out to near the horizon, over which nothing is held.
-inline int holes(const scene::Scene& scene, const camera::Pose& pose) {
+inline int holes(const core::Scene& scene, const camera::Pose& pose) {
   int count = 0;
   for (const double radius : {5.0, 60.0, 700.0, 6'000.0, 29'000.0})
     for (int k = 0; k < 16; ++k) {

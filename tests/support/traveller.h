@@ -54,7 +54,7 @@ class Traveller {
   }
 
   const connection::Connection& line() const { return client_->connection(); }
-  const scene::Scene& scene() const { return client_->scene(); }
+  const core::Scene& scene() const { return client_->scene(); }
   bool agrees() const { return agrees_ && heardOf_ == line().reconnections() && !line().error(); }
   bool settled() const { return settled_ && heardOf_ == line().reconnections(); }
   const std::string& failure() const { return failure_; }

@@ -142,6 +142,7 @@ EditsFound Conversation::takeEditsFound() { return std::exchange(found_, {}); }
 
 Wrong Conversation::take(wire::ServerMessage& message, const Frame& frame) {
   if (const auto* error = std::get_if<wire::ErrorMessage>(&message)) {
+    speaksOther_ = error->code == wire::ErrorCode::kVersion;
     if (error->code == wire::ErrorCode::kGoingAway) sentTo_ = error->reconnectUrl;
     return "says: " + text::oneLine(error->message);
   }
@@ -155,7 +156,8 @@ Wrong Conversation::take(wire::ServerMessage& message, const Frame& frame) {
 
 Wrong Conversation::take(wire::World&& world, const Frame& frame) {
   if (hasWorld_) return "sent a second world";
-  if (world.protocolVersion != wire::kProtocolVersion)
+  speaksOther_ = world.protocolVersion != wire::kProtocolVersion;
+  if (speaksOther_)
     return "speaks protocol version " + std::to_string(world.protocolVersion) + ", this client " + std::to_string(wire::kProtocolVersion) +
            "; use equal versions of both";
   world_ = std::move(world);

@@ -76,6 +76,7 @@ class Conversation {
   const wire::Settings& granted() const { return granted_; }
   const Roster& roster() const { return roster_; }
   const SessionClock& clock() const { return clock_; }
+  bool speaksOther() const { return speaksOther_; }                     // another version of the protocol: no attempt is of use
   const std::optional<std::string>& sentTo() const { return sentTo_; }  // in farewell; empty: at the same place
   bool followsEdits() const { return hello_.edits || world_.revision < 4; }
   std::uint64_t bytes() const { return bytes_; }
@@ -117,7 +118,7 @@ class Conversation {
   const wire::Hello hello_;
   const std::string server_;
   Outbox outbox_;
-  bool hasWorld_ = false, skipsSteps_ = false;
+  bool hasWorld_ = false, skipsSteps_ = false, speaksOther_ = false;
   wire::World world_;
   wire::Settings granted_;
   std::optional<std::string> sentTo_;

@@ -7,8 +7,8 @@
 
 namespace ridgecast::core {
 
-Reconnector::Reconnector(Url url, wire::Hello hello, bool reconnects, std::uint32_t random)
-    : url_(std::move(url)), target_(url_), hello_(std::move(hello)), reconnects_(reconnects), current_(begin(url_)), random_(random) {}
+Reconnector::Reconnector(Url url, wire::Hello hello, Returns returns, std::uint32_t random)
+    : url_(std::move(url)), target_(url_), hello_(std::move(hello)), returns_(returns), current_(begin(url_)), random_(random) {}
 
 std::unique_ptr<Conversation> Reconnector::begin(const Url& with) const {
   return std::make_unique<Conversation>(hello_, "the server at " + with.where());
@@ -29,11 +29,11 @@ std::optional<Url> Reconnector::dial(Instant now) {
 Wrong Reconnector::heard(std::span<const std::uint8_t> frame, Instant now) {
   const bool wasGreeted = isGreeted();
   if (Wrong wrong = ofLine().heard(frame, now)) return wrong;
-  if (wasGreeted || !isGreeted() || !coming_) return std::nullopt;
+  if (wasGreeted || !isGreeted() || !coming_ || !current_->hasWorld()) return std::nullopt;
   const wire::World &before = current_->world(), &after = coming_->world();
   const bool isRecording = current_->clock().said().end > 0;  // which may go back
   otherWorld_ = after.contentHash != before.contentHash || (after.edit < current_->edit() && !isRecording);
-  if (!otherWorld_) return std::nullopt;
+  if (!otherWorld_ || returns_ == Returns::kAlways) return std::nullopt;
   return after.contentHash != before.contentHash ? "the server has another world now" : "the server has lost edits of this world";
 }
 
@@ -48,12 +48,18 @@ void Reconnector::ended(const Error& why, Instant now) {
   lost_ = why;
   target_ = url_;
   ofLine().end(why);
+  speaksOther_ = ofLine().speaksOther();
   if (const auto& sentTo = ofLine().sentTo(); sentTo && !sentTo->empty()) follow(*sentTo);
   hello_.editsAfter = current_->forgetEdits();
   coming_.reset();
   const auto half = static_cast<unsigned>(pause_.count() / 2);
   next_ = now + std::chrono::milliseconds(half + random_() % (half + 1));
   pause_ = std::min(2 * pause_, kLongestPause);
+}
+
+void Reconnector::hurry(Instant now) {
+  next_ = std::min(next_, now);
+  pause_ = kFirstPause;
 }
 
 void Reconnector::follow(const std::string& sentTo) {

@@ -20,13 +20,17 @@
 
 namespace ridgecast::core {
 
+// When another conversation begins where one has ended: never; once there was a world, as long as the server still has it; or whatever
+// comes, from the first attempt on and into whatever world.
+enum class Returns { kNever, kToItsWorld, kAlways };
+
 class Reconnector {
  public:
   using Instant = Conversation::Instant;
   static constexpr std::chrono::milliseconds kFirstPause{50}, kLongestPause{2000};  // each is taken times 0.5 to 1
 
-  // Where it does not reconnect, the first loss is the end; so it is before the first world. `random` seeds the pauses.
-  Reconnector(Url url, wire::Hello hello, bool reconnects, std::uint32_t random);
+  // `random` seeds the pauses.
+  Reconnector(Url url, wire::Hello hello, Returns returns, std::uint32_t random);
 
   // ---- the line, one at a time ----
 
@@ -39,6 +43,7 @@ class Reconnector {
   std::optional<std::string> next(Instant now) { return ofLine().next(now); }
   std::optional<Instant> due() const;  // also of dial()
   void ended(const Error& why, Instant now);
+  void hurry(Instant now);  // the next attempt is now
 
   // ---- the owner ----
 
@@ -53,11 +58,14 @@ class Reconnector {
 
   const std::optional<Error>& lost() const { return lost_; }  // why there is no conversation at the moment
   // The server came back with another world, or, where it plays no recording, without edits that were heard of: what is held is of no use
-  // there, and no further attempt is made.
+  // there.
   bool otherWorld() const { return otherWorld_; }
-  bool comesBack() const { return reconnects_ && !otherWorld_ && current_->hasWorld(); }  // where it is lost
+  bool comesBack() const {  // where it is lost
+    return !speaksOther_ && (returns_ == Returns::kAlways || (returns_ == Returns::kToItsWorld && !otherWorld_ && current_->hasWorld()));
+  }
   // The next conversation has its world, and all that came before is taken.
   bool hasReturned() const { return coming_ && coming_->hasWorld() && !current_->hasIterations(); }
+  const wire::World& coming() const { return coming_->world(); }  // where it has returned
   // Says first which leaves are `held`, then the newest pose.
   void goOn(const std::vector<wire::Resume>& held);
   std::uint64_t reconnections() const { return reconnections_; }
@@ -71,8 +79,8 @@ class Reconnector {
   const Url url_;
   Url target_;  // where a server that left has sent us, and, when nobody is there, where we came from
   wire::Hello hello_;
-  const bool reconnects_;
-  bool hasLine_ = false, otherWorld_ = false, skipsSteps_ = false;
+  const Returns returns_;
+  bool hasLine_ = false, otherWorld_ = false, speaksOther_ = false, skipsSteps_ = false;
   std::unique_ptr<Conversation> current_, coming_;  // coming_: from dial() to goOn(), but for the first
   wire::Settings asked_;                            // when coming_ began
   std::optional<wire::PoseMessage> pose_;

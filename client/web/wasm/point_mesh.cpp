@@ -1,7 +1,7 @@
 // What the page takes from the C++ client, as functions of a WebAssembly module: one mesh a module. src/scene/point_mesh.ts calls them.
 // Lists are given in `room`; what a pointer names lies there until the next call.
 
-#include "client/scene/point_mesh.h"
+#include "client/core/mesh/point_mesh.h"
 #include "common/settings/settings.h"
 
 #include <cstddef>
@@ -17,12 +17,12 @@ extern "C" void __cxa_throw(void*, void*, void (*)(void*)) { __builtin_trap(); }
 
 namespace {
 
-scene::PointMesh held(false, settings::kDefaultBudget);
+core::PointMesh held(false, settings::kDefaultBudget);
 std::vector<std::byte> given;
 std::vector<mesh::LeafMesh> leaves;  // to begin with
-std::vector<scene::PointMesh::Changed> changes;
+std::vector<core::PointMesh::Changed> changes;
 mesh::LeafMesh made;
-scene::PointMesh::Drawing drawing;
+core::PointMesh::Drawing drawing;
 struct Made {
   const mesh::LocalVertex* vertices;
   std::size_t vertexCount;
@@ -35,7 +35,7 @@ struct Drawn {
   std::size_t blockCount, changedCount;
 } drawn;
 
-static_assert(sizeof(scene::PointMesh::Changed) == 64 && sizeof(Made) == 16 && sizeof(Drawn) == 24 && sizeof(mesh::LocalVertex) == 12 &&
+static_assert(sizeof(core::PointMesh::Changed) == 64 && sizeof(Made) == 16 && sizeof(Drawn) == 24 && sizeof(mesh::LocalVertex) == 12 &&
               sizeof(mesh::Triangle) == 12);
 
 // The next `count` of what was given.
@@ -76,7 +76,7 @@ EXPORT(hold) void hold(std::int32_t level, std::int64_t i, std::int64_t j, std::
 }
 
 EXPORT(begin) bool begin() {
-  std::vector<scene::PointMesh::Held> all;
+  std::vector<core::PointMesh::Held> all;
   for (const mesh::LeafMesh& leaf : leaves) all.push_back({&leaf, nullptr});
   const bool begun = held.begin(all);
   leaves.clear();
@@ -95,7 +95,7 @@ EXPORT(takeChanged) std::size_t takeChanged() {
   changes = held.takeChanged();
   return changes.size();
 }
-EXPORT(changed) const scene::PointMesh::Changed* changed() { return changes.data(); }
+EXPORT(changed) const core::PointMesh::Changed* changed() { return changes.data(); }
 EXPORT(extract) const Made* extract(std::int32_t level, std::int64_t i, std::int64_t j) {
   made = held.extract({level, i, j}).mesh;
   view = {made.vertices.data(), made.vertices.size(), made.triangles.data(), made.triangles.size()};

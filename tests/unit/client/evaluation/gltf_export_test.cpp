@@ -17,7 +17,7 @@ namespace ridgecast::evaluation {
 namespace {
 
 using Json = nlohmann::json;
-using scene::Leaves;
+using core::Leaves;
 
 struct Glb {
   Json json;
@@ -64,7 +64,7 @@ class Export : public testing::Test {
 };
 
 void hold(Leaves& leaves, mesh::LeafMesh leaf) {
-  scene::HeldLeaf held;
+  core::HeldLeaf held;
   const lattice::LeafAddress address = leaf.address;
   held.mesh = std::make_shared<mesh::LeafMesh>(std::move(leaf));
   leaves[address] = std::move(held);

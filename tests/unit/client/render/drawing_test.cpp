@@ -17,7 +17,7 @@
 namespace ridgecast::render {
 namespace {
 
-using Leaves = std::map<lattice::LeafAddress, scene::HeldLeaf>;
+using Leaves = std::map<lattice::LeafAddress, core::HeldLeaf>;
 
 // A world that is flat at 100 m, with squares of 8 m in two colours.
 const char* const kPlain = R"(
@@ -50,8 +50,8 @@ class DrawingTest : public testing::Test {
   static inline std::string reason_;
 };
 
-scene::HeldLeaf hold(std::shared_ptr<const mesh::LeafMesh> leaf, std::uint64_t version) {
-  scene::HeldLeaf held;
+core::HeldLeaf hold(std::shared_ptr<const mesh::LeafMesh> leaf, std::uint64_t version) {
+  core::HeldLeaf held;
   held.mesh = std::move(leaf);
   held.version = version;
   if (!held.mesh->vertices.empty()) held.low = held.high = held.mesh->vertices.front();
@@ -63,7 +63,7 @@ scene::HeldLeaf hold(std::shared_ptr<const mesh::LeafMesh> leaf, std::uint64_t v
 }
 
 // Two triangles that fill a leaf's square at a height in steps.
-scene::HeldLeaf flatLeaf(lattice::LeafAddress address, std::int32_t y, std::uint64_t version = 1) {
+core::HeldLeaf flatLeaf(lattice::LeafAddress address, std::int32_t y, std::uint64_t version = 1) {
   auto leaf = std::make_shared<mesh::LeafMesh>();
   leaf->address = address;
   const auto side = static_cast<std::int32_t>(address.side());
@@ -326,7 +326,7 @@ TEST_F(DrawingTest, TheRayMarchMeetsWhatAMuchFinerOneMeets) {
   }
 }
 
-scene::HeldLeaf sampledLeaf(const terrain::Terrain& terrain, lattice::LeafAddress address, std::int32_t cells) {
+core::HeldLeaf sampledLeaf(const terrain::Terrain& terrain, lattice::LeafAddress address, std::int32_t cells) {
   auto leaf = std::make_shared<mesh::LeafMesh>();
   leaf->address = address;
   std::vector<lattice::Step> xs, zs;

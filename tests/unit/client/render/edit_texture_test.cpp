@@ -30,7 +30,7 @@ class EditTextures : public testing::Test {
     context_ = std::move(*made);
   }
   // What a client holds of a layer, all of it.
-  static void hold(scene::HeldEdits& held, const edits::History& history, Point at) {
+  static void hold(core::HeldEdits& held, const edits::History& history, Point at) {
     held.moveTo(at);
     held.know(history.last());
     while (!held.complete()) {
@@ -89,7 +89,7 @@ TEST_F(EditTextures, GiveTheProcessorsHeights) {
       const auto prepared = history.prepare(std::move(operation));
       ASSERT_TRUE(!prepared || history.add(*prepared));
     }
-    scene::HeldEdits held(32'000);
+    core::HeldEdits held(32'000);
     EditTexture texture;
     const auto gpu = gpuTerrain(c.terrain, {std::string(base->source()), 1}, nullptr, &texture);
     ASSERT_TRUE(gpu) << gpu.error().message;
@@ -118,7 +118,7 @@ TEST_F(EditTextures, OfWhatIsUndoneGiveTheTerrainsOwn) {
     const auto prepared = history.prepare(testing_support::randomOperation(random, {0, 0}));
     ASSERT_TRUE(!prepared || history.add(*prepared));
   }
-  scene::HeldEdits held(32'000);
+  core::HeldEdits held(32'000);
   EditTexture texture;
   const auto gpu = gpuTerrain("alpine", {std::string(base->source()), 1}, nullptr, &texture);
   ASSERT_TRUE(gpu);
@@ -138,7 +138,7 @@ TEST_F(EditTextures, AreMarchedAndColoured) {
   const auto base = terrain::create("alpine", 1).value();
   edits::History history(base);
   ASSERT_TRUE(history.add({edits::Raise{{0, 0}, m(60), m(40), static_cast<std::int32_t>(m(900))}, 8}));
-  scene::HeldEdits held(32'000);
+  core::HeldEdits held(32'000);
   hold(held, history, {0, 0});
   EditTexture texture;
   texture.update(held, {0, 0}, 1000);

@@ -41,10 +41,10 @@ terrain::RasterShape shapeOf(terrain::Pitch pitch, terrain::Pitch along = 0) {
           .highest = 400'000,
           .content = 5};
 }
-scene::HeightWindow windowOf(const terrain::RasterShape& shape, double reach = 32'000) {
+core::HeightWindow windowOf(const terrain::RasterShape& shape, double reach = 32'000) {
   return {"map", terrain::rasterSource(shape), 3, shape, reach};
 }
-void fill(scene::HeightWindow& window, lattice::Point at) {
+void fill(core::HeightWindow& window, lattice::Point at) {
   window.moveTo(at);
   while (!window.complete())
     for (const TileAddress a : window.take()) ASSERT_TRUE(window.put(tileOf(a)));
@@ -57,10 +57,10 @@ float expected(const terrain::RasterShape& s, lattice::Step x, lattice::Step z) 
 }
 
 TEST(HeightWindow, asksNearestFirstAndOnceAndBounded) {
-  scene::HeightWindow window = windowOf(shapeOf(terrain::pitchOf(2560)));
+  core::HeightWindow window = windowOf(shapeOf(terrain::pitchOf(2560)));
   window.moveTo({0, 0});
   const auto first = window.take();
-  ASSERT_EQ(first.size(), scene::HeightWindow::kMost);
+  ASSERT_EQ(first.size(), core::HeightWindow::kMost);
   EXPECT_EQ(first[0], window.centre());
   std::int64_t ring = 0;
   for (const TileAddress a : first) {
@@ -79,7 +79,7 @@ TEST(HeightWindow, asksNearestFirstAndOnceAndBounded) {
 }
 
 TEST(HeightWindow, keepsWhatItHasABoundedWhile) {
-  scene::HeightWindow window = windowOf(shapeOf(terrain::pitchOf(256)), 1e6);
+  core::HeightWindow window = windowOf(shapeOf(terrain::pitchOf(256)), 1e6);
   fill(window, {0, 0});
   const TileAddress home = window.centre();
   fill(window, {256 * 128 * 3, 0});
@@ -92,7 +92,7 @@ TEST(HeightWindow, keepsWhatItHasABoundedWhile) {
 
 TEST(HeightWindow, givesTheHeightsOfItsSamplesAndNothingElsewhere) {
   const auto shape = shapeOf(terrain::pitchOf(2637));
-  scene::HeightWindow window = windowOf(shape);
+  core::HeightWindow window = windowOf(shape);
   const lattice::Step far = 256'000'000'000'000;
   fill(window, {far, -far});
   std::mt19937_64 random(1);
@@ -132,7 +132,7 @@ TEST_F(HeightTextures, giveTheSameHeightsAsTheSamples) {
                                                                {terrain::kMaxPitch - 1, terrain::kMinPitch}};
   for (const auto& [pitch, along] : pitches) {
     const auto shape = shapeOf(pitch, along);
-    scene::HeightWindow window = windowOf(shape, 1e9);
+    core::HeightWindow window = windowOf(shape, 1e9);
     HeightTexture texture(shape);
     for (const double distance : {0.0, 1e6, 1e8, 1e12}) {
       const auto centre = static_cast<lattice::Step>(distance * 256);
@@ -170,7 +170,7 @@ TEST_F(HeightTextures, giveTheSameHeightsAsTheSamples) {
 TEST_F(HeightTextures, haveThePictureOnTheMap) {
   auto shape = shapeOf(terrain::pitchOf(7680));
   shape.draped = true;
-  scene::HeightWindow window = windowOf(shape);
+  core::HeightWindow window = windowOf(shape);
   const auto byteOf = [](TileAddress a, std::size_t channel) { return static_cast<std::uint8_t>(120 + 9 * (channel == 0 ? a.i : a.j)); };
   const auto isHole = [](TileAddress a) { return a.i == 1 && a.j == 1; };
   while (!window.complete())
@@ -227,7 +227,7 @@ TEST_F(HeightTextures, haveThePictureOnTheMap) {
 
 TEST_F(HeightTextures, knowNothingBeyondTheWindow) {
   const auto shape = shapeOf(terrain::pitchOf(7680));
-  scene::HeightWindow window = windowOf(shape);
+  core::HeightWindow window = windowOf(shape);
   HeightTexture texture(shape);
   fill(window, {0, 0});
   texture.update(window, 1000);

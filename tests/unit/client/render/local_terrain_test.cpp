@@ -104,7 +104,7 @@ TEST_F(LocalTerrain, theNeutralPictureShowsTheShapeOfTheMesh) {
   const std::int32_t side = 128 * 256, ridge = side / 2, low = 100 * 256, high = low + 37 * 256;
   leaf->vertices = {{0, 0, low}, {0, side, low}, {ridge, 0, high}, {ridge, side, high}, {side, 0, low}, {side, side, low}};
   leaf->triangles = {{0, 1, 2}, {1, 3, 2}, {2, 3, 4}, {3, 5, 4}};
-  scene::HeldLeaf held;
+  core::HeldLeaf held;
   held.mesh = leaf;
   held.low = {0, 0, low};
   held.high = {side, side, high};
@@ -116,7 +116,7 @@ TEST_F(LocalTerrain, theNeutralPictureShowsTheShapeOfTheMesh) {
   view.camera.pose.pitch = -1.55;
   view.camera.projection.width = view.camera.projection.height = 64;
   view.horizon = 32000;
-  const auto drawn = renderer->drawMesh(std::map<lattice::LeafAddress, scene::HeldLeaf>{{leaf->address, held}}, view);
+  const auto drawn = renderer->drawMesh(std::map<lattice::LeafAddress, core::HeldLeaf>{{leaf->address, held}}, view);
   ASSERT_TRUE(drawn) << drawn.error().message;
   const auto pixel = [&](std::size_t x, std::size_t y, std::size_t c) {
     return static_cast<int>(drawn->picture.rgb[3 * (y * 64 + x) + c]);

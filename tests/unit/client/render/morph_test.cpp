@@ -19,7 +19,7 @@ Morph::Leaves flat(std::int32_t metres, std::uint64_t version) {
   const auto side = static_cast<std::int32_t>(kAddress.side()), y = metres * 256;
   leaf->vertices = {{0, 0, y}, {0, side, y}, {side, 0, y}, {side, side, y}};
   leaf->triangles = {{0, 1, 2}, {1, 3, 2}};
-  scene::HeldLeaf held;
+  core::HeldLeaf held;
   held.mesh = leaf;
   held.low = leaf->vertices.front();
   held.high = leaf->vertices.back();

@@ -113,7 +113,7 @@ TEST(LeafColours, GrowDarkerStepByStep) {
 
 TEST(LeafAges, CountFromTheLastChangeAndForgetWhatIsGone) {
   const lattice::LeafAddress a{0, 1, 2}, b{1, 3, 4};
-  std::map<lattice::LeafAddress, scene::HeldLeaf> leaves;
+  std::map<lattice::LeafAddress, core::HeldLeaf> leaves;
   leaves[a].version = 1;
   LeafAges ages;
   ages.update(leaves, 100);

@@ -1,4 +1,5 @@
 #include "common/text/text.h"
+#include "common/text/file.h"
 
 #include <gtest/gtest.h>
 

@@ -9,7 +9,7 @@
 #include <random>
 #include <utility>
 
-#include "client/scene/scene.h"
+#include "client/core/mesh/scene.h"
 #include "common/terrain/shades.h"
 #include "common/terrain/terrain.h"
 #include "server/encoding/encoder.h"
@@ -58,7 +58,7 @@ struct Flight {
   std::unique_ptr<pipeline::Pipeline> mesh;
   replica::Replica replica{1, true};
   Encoder encoder;
-  scene::Scene scene;
+  core::Scene scene;
 };
 
 // Of an hour's flight; ITERATIONS=36000 flies it ten a second.
@@ -92,7 +92,7 @@ TEST(HeldPoints, MakeALeafWhenItIsReadAndNoOther) {
   for (int k = 0; k < 60; ++k) {
     f.apply(f.iterate(testing_support::straight(*f.terrain, 0.7 * k)));
     for (const mesh::LeafState& state : f.mesh->leaves()) {
-      const scene::HeldLeaf& leaf = f.scene.index().at(state.address);
+      const core::HeldLeaf& leaf = f.scene.index().at(state.address);
       const mesh::LeafMesh made = f.mesh->extract(state.address);
       EXPECT_EQ(leaf.triangles, made.triangles.size());
       EXPECT_EQ(leaf.hash, mesh::hashLeaf(made));

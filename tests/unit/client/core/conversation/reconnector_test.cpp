@@ -47,8 +47,9 @@ wire::ServerMessage farewell(const std::string& to) { return wire::ErrorMessage{
 
 // A reconnector, and the servers that it meets.
 struct Journey {
-  explicit Journey(const wire::Hello& hello = {}, const std::string& url = "ws://here:1", bool reconnects = true, std::uint32_t random = 1)
-      : reconnector(withToken(url), hello, reconnects, random) {}
+  explicit Journey(const wire::Hello& hello = {}, const std::string& url = "ws://here:1", Returns returns = Returns::kToItsWorld,
+                   std::uint32_t random = 1)
+      : reconnector(withToken(url), hello, returns, random) {}
   static Url withToken(const std::string& text) {
     Url url = parseUrl(text).value();
     url.token = "secret";
@@ -90,11 +91,11 @@ struct Journey {
 };
 
 TEST(Reconnector, TheFirstLossIsTheEndWhereItDoesNotReconnectOrHasSeenNoWorld) {
-  for (const bool reconnects : {false, true}) {
-    Journey journey({}, "ws://here:1", reconnects);
+  for (const Returns returns : {Returns::kNever, Returns::kToItsWorld}) {
+    Journey journey({}, "ws://here:1", returns);
     EXPECT_EQ(journey.dials().where(), "here:1");
     EXPECT_FALSE(journey.reconnector.dial(journey.now)) << "one line at a time";
-    if (!reconnects) {
+    if (returns == Returns::kNever) {
       EXPECT_EQ(journey.hears(greeting()), "");
     }
     EXPECT_FALSE(journey.reconnector.lost());
@@ -110,7 +111,7 @@ TEST(Reconnector, TheFirstLossIsTheEndWhereItDoesNotReconnectOrHasSeenNoWorld) {
 TEST(Reconnector, PausesGrowUntilAnIterationWasAppliedAndAreRandom) {
   std::set<std::int64_t> firsts;
   for (std::uint32_t random = 0; random < 50; ++random) {
-    Journey journey({}, "ws://here:1", true, random);
+    Journey journey({}, "ws://here:1", Returns::kToItsWorld, random);
     journey.begins();
     const auto pause = [&] {
       journey.loses();
@@ -351,6 +352,61 @@ TEST(Reconnector, ALineThatEndsBeforeItIsGoneOnWithIsAnAttemptThatFailed) {
   journey.returns();
   ASSERT_EQ(journey.says().size(), 1u);
   EXPECT_EQ(journey.reconnector.reconnections(), 1u);
+}
+
+TEST(Reconnector, AlwaysComesFromTheFirstAttemptOnAndIntoWhateverWorld) {
+  Journey journey({}, "ws://here:1", Returns::kAlways);
+  for (int attempt = 0; attempt < 3; ++attempt) {
+    journey.dials();
+    journey.loses();
+    EXPECT_TRUE(journey.reconnector.comesBack());
+  }
+  journey.returns();
+  EXPECT_FALSE(journey.reconnector.otherWorld());
+  journey.loses();
+  wire::World other = std::get<wire::World>(greeting());
+  other.contentHash += 1;
+  journey.begins(other);
+  EXPECT_TRUE(journey.reconnector.hasReturned());
+  EXPECT_TRUE(journey.reconnector.otherWorld());
+  EXPECT_EQ(journey.reconnector.coming().contentHash, other.contentHash);
+  journey.reconnector.goOn({});
+  journey.loses();
+  EXPECT_TRUE(journey.reconnector.comesBack());
+  journey.returns(other);
+  EXPECT_FALSE(journey.reconnector.otherWorld());
+}
+
+TEST(Reconnector, AServerOfAnotherVersionIsNotAskedAgain) {
+  wire::World newer = std::get<wire::World>(greeting());
+  newer.protocolVersion += 1;
+  for (const wire::ServerMessage& message :
+       {wire::ServerMessage(newer), wire::ServerMessage(wire::ErrorMessage{wire::ErrorCode::kVersion, "no"})}) {
+    Journey journey({}, "ws://here:1", Returns::kAlways);
+    journey.begins();
+    journey.loses();
+    journey.dials();
+    EXPECT_NE(journey.hears(message), "");
+    EXPECT_FALSE(journey.reconnector.comesBack());
+    EXPECT_FALSE(journey.reconnector.due());
+    EXPECT_FALSE(journey.reconnector.dial(journey.now + 1h));
+  }
+}
+
+TEST(Reconnector, WhoHurriesDialsAtOnceAndPausesShortly) {
+  Journey journey;
+  journey.begins();
+  for (int attempt = 0; attempt < 8; ++attempt) {
+    journey.loses();
+    if (attempt < 7) journey.dials();
+  }
+  EXPECT_GT(*journey.reconnector.due() - journey.now, 500ms);
+  journey.reconnector.hurry(journey.now);
+  EXPECT_TRUE(journey.reconnector.dial(journey.now));
+  journey.reconnector.hurry(journey.now);
+  EXPECT_FALSE(journey.reconnector.dial(journey.now)) << "one line at a time";
+  journey.loses();
+  EXPECT_LE(*journey.reconnector.due() - journey.now, 50ms);
 }
 
 }  // namespace

@@ -1,12 +1,12 @@
 // What an iteration made of the leaves: their hashes and bounds, kept as triangles come and go, and their triangles once somebody asks.
 
-#include "client/scene/point_mesh.h"
+#include "client/core/mesh/point_mesh.h"
 
 #include <algorithm>
 #include <bit>
 #include <utility>
 
-namespace ridgecast::scene {
+namespace ridgecast::core {
 
 using lattice::LeafAddress;
 using triangulation::kOutside;
@@ -141,4 +141,4 @@ void PointMesh::drawBlock(std::uint32_t block, std::uint32_t alive, LeafAddress 
   }
 }
 
-}  // namespace ridgecast::scene
+}  // namespace ridgecast::core

@@ -1,5 +1,5 @@
 // What a client holds of edits follows those of a session, whoever moves, edits and undoes meanwhile, and however late answers come.
-#include "client/scene/held_edits.h"
+#include "client/core/ground/held_edits.h"
 
 #include <gtest/gtest.h>
 
@@ -13,7 +13,7 @@
 #include "tests/support/random_edits.h"
 #include "tests/support/sanitized.h"
 
-namespace ridgecast::scene {
+namespace ridgecast::core {
 namespace {
 
 using edits::SquareAddress;
@@ -214,4 +214,4 @@ TEST(HeldEdits, RefuseWhatWasNotAskedFor) {
 }
 
 }  // namespace
-}  // namespace ridgecast::scene
+}  // namespace ridgecast::core

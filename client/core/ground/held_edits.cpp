@@ -1,11 +1,11 @@
-#include "client/scene/held_edits.h"
+#include "client/core/ground/held_edits.h"
 
 #include <algorithm>
 #include <cmath>
 
 #include "common/wire/wire.h"
 
-namespace ridgecast::scene {
+namespace ridgecast::core {
 
 using edits::SquareAddress;
 
@@ -167,4 +167,4 @@ bool HeldEdits::complete() const {
   });
 }
 
-}  // namespace ridgecast::scene
+}  // namespace ridgecast::core

@@ -1,4 +1,4 @@
-#include "client/replica/follower.h"
+#include "client/core/mesh/follower.h"
 
 #include <algorithm>
 #include <string>
@@ -6,9 +6,9 @@
 
 #include "common/wire/wire.h"
 
-namespace ridgecast::replica {
+namespace ridgecast::core {
 
-Follower::Answer Follower::take(const wire::Iteration& iteration, Outcome<scene::Scene::Prepared> prepared) {
+Follower::Answer Follower::take(const wire::Iteration& iteration, Outcome<core::Scene::Prepared> prepared) {
   if (!prepared) return answer(iteration, prepared.error());
   scene_.take(std::move(*prepared));
   return answer(iteration, {});
@@ -39,4 +39,4 @@ std::vector<wire::Resume> Follower::resume() {
   return out;
 }
 
-}  // namespace ridgecast::replica
+}  // namespace ridgecast::core

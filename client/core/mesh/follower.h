@@ -11,11 +11,11 @@
 #include <optional>
 #include <vector>
 
-#include "client/scene/scene.h"
+#include "client/core/mesh/scene.h"
 #include "common/outcome/outcome.h"
 #include "common/wire/messages.h"
 
-namespace ridgecast::replica {
+namespace ridgecast::core {
 
 class Follower {
  public:
@@ -27,25 +27,25 @@ class Follower {
   };
 
   // Before the first iteration.
-  void follow(const scene::Scene::Following& what) { scene_.follow(what); }
+  void follow(const core::Scene::Following& what) { scene_.follow(what); }
 
   // Iterations in the order of the connection. Leaves are made when they are read.
   Answer apply(const wire::Iteration& iteration) { return answer(iteration, scene_.apply(iteration)); }
 
   // The same in two steps, and with all leaves made: see Scene::prepare().
-  Outcome<scene::Scene::Prepared> prepare(const wire::Iteration& iteration) { return scene_.prepare(iteration); }
-  Answer take(const wire::Iteration& iteration, Outcome<scene::Scene::Prepared> prepared);
+  Outcome<core::Scene::Prepared> prepare(const wire::Iteration& iteration) { return scene_.prepare(iteration); }
+  Answer take(const wire::Iteration& iteration, Outcome<core::Scene::Prepared> prepared);
 
   // Another connection to the same world begins: what to say before its first pose, so that only what is missing comes.
   std::vector<wire::Resume> resume();
 
-  const scene::Scene& scene() const { return scene_; }
+  const core::Scene& scene() const { return scene_; }
 
  private:
   Answer answer(const wire::Iteration& iteration, const Outcome<void>& applied);
 
-  scene::Scene scene_;
+  core::Scene scene_;
   bool asked_ = false;  // for all leaves, and they have not come yet
 };
 
-}  // namespace ridgecast::replica
+}  // namespace ridgecast::core

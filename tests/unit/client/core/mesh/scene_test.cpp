@@ -1,5 +1,5 @@
 // The scene applies iterations all or nothing, and holds what a plain replica of the same iterations holds.
-#include "client/scene/scene.h"
+#include "client/core/mesh/scene.h"
 
 #include <gtest/gtest.h>
 
@@ -13,7 +13,7 @@
 namespace ridgecast {
 namespace {
 
-using scene::Scene;
+using core::Scene;
 using support::between;
 using support::Random;
 using Replica = std::map<lattice::LeafAddress, mesh::LeafMesh>;

@@ -1,4 +1,4 @@
-#include "client/scene/point_mesh.h"
+#include "client/core/mesh/point_mesh.h"
 
 #include <algorithm>
 #include <bit>
@@ -9,7 +9,7 @@
 
 #include "common/points/guess.h"
 
-namespace ridgecast::scene {
+namespace ridgecast::core {
 
 using lattice::LeafAddress;
 using triangulation::Change;
@@ -461,4 +461,4 @@ bool PointMesh::setHeight(VertexId v, std::int32_t y) {
   return std::abs(y) <= lattice::kMaxHeight;
 }
 
-}  // namespace ridgecast::scene
+}  // namespace ridgecast::core

@@ -1,11 +1,11 @@
-#include "client/scene/height_window.h"
+#include "client/core/ground/height_window.h"
 
 #include <algorithm>
 #include <bitset>
 #include <cmath>
 #include <limits>
 
-namespace ridgecast::scene {
+namespace ridgecast::core {
 
 using terrain::kTileBits;
 using terrain::kTileSide;
@@ -131,4 +131,4 @@ double HeightWindow::knownReach() const {
   return static_cast<double>(std::max<std::int64_t>(nearest - 2, 0)) * shape_.finest() * lattice::kMetresPerStep;
 }
 
-}  // namespace ridgecast::scene
+}  // namespace ridgecast::core

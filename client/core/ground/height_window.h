@@ -17,7 +17,7 @@
 #include "common/terrain/terrain.h"
 #include "common/wire/messages.h"
 
-namespace ridgecast::scene {
+namespace ridgecast::core {
 
 class HeightWindow final : public terrain::Terrain, public terrain::Raster {
  public:
@@ -70,4 +70,4 @@ class HeightWindow final : public terrain::Terrain, public terrain::Raster {
   std::uint64_t version_ = 0;
 };
 
-}  // namespace ridgecast::scene
+}  // namespace ridgecast::core

@@ -1,6 +1,6 @@
 // The law of the follower: after any sequence of iterations, damage, loss and resuming it holds what the server holds. The server's side is
 // server/replica itself, with real meshes, points and payloads.
-#include "client/replica/follower.h"
+#include "client/core/mesh/follower.h"
 
 #include <gtest/gtest.h>
 
@@ -19,10 +19,12 @@
 #include "tests/support/leaf_meshes.h"
 #include "tests/support/sanitized.h"
 
-namespace ridgecast::replica {
+namespace ridgecast::core {
 namespace {
 
 using lattice::LeafAddress;
+using replica::Replica;
+using replica::Verdict;
 using support::between;
 using support::Random;
 
@@ -249,4 +251,4 @@ TEST(Follower, ResumesInMessagesThatAServerTakes) {
 }
 
 }  // namespace
-}  // namespace ridgecast::replica
+}  // namespace ridgecast::core

@@ -24,11 +24,11 @@ bool encodeEdgebreaker(std::span<const std::array<std::uint32_t, 3>> points, std
 
 struct Soup {
   std::vector<std::array<std::uint32_t, 3>> points;
-  std::vector<mesh::Triangle> triangles;  // indices are in range
+  std::vector<mesh::Triangle> triangles;
 };
 
-// Accepts only streams of encodeEdgebreaker's kind with `triangles` triangles. Checks every count before Draco allocates for it. Returns an
-// empty string, or what is wrong.
-std::string decodeEdgebreaker(std::span<const std::uint8_t> bytes, std::uint32_t triangles, Soup& out);
+// Of a stream whose header was checked (codec.cpp): counts are those of `triangles` faces, values and indices are as they came. Returns an
+// empty string, or what is wrong. A page has its own (client/web/wasm/draco.cpp).
+std::string decodeDraco(std::span<const std::uint8_t> bytes, std::uint32_t triangles, Soup& out);
 
 }  // namespace ridgecast::codec

@@ -19,7 +19,7 @@
 #include "common/outcome/outcome.h"
 #include "common/wire/messages.h"
 
-namespace ridgecast::scene {
+namespace ridgecast::core {
 
 class HeldEdits {
  public:
@@ -80,4 +80,4 @@ class HeldEdits {
   std::uint64_t version_ = 0;
 };
 
-}  // namespace ridgecast::scene
+}  // namespace ridgecast::core

@@ -19,7 +19,7 @@
 #include "common/terrain/shade.h"
 #include "common/triangulation/triangulation.h"
 
-namespace ridgecast::scene {
+namespace ridgecast::core {
 
 class PointMesh final : public triangulation::Partition {
  public:
@@ -158,4 +158,4 @@ class PointMesh final : public triangulation::Partition {
   mesh::Extractor extractor_;
 };
 
-}  // namespace ridgecast::scene
+}  // namespace ridgecast::core

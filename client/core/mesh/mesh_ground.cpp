@@ -1,18 +1,15 @@
-#include "client/query/mesh_ground.h"
+#include "client/core/mesh/mesh_ground.h"
 
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <limits>
-#include <string>
 
-#include "common/wire/wire.h"
-
-namespace ridgecast::query {
+namespace ridgecast::core {
 
 namespace {
 
-double boundOf(const scene::HeldLeaf& leaf) { return leaf.error > 0 ? leaf.error : std::numeric_limits<double>::infinity(); }
+double boundOf(const HeldLeaf& leaf) { return leaf.error > 0 ? leaf.error : std::numeric_limits<double>::infinity(); }
 
 struct Vec {
   double x, y, z;
@@ -23,7 +20,7 @@ double dot(const Vec& a, const Vec& b) { return a.x * b.x + a.y * b.y + a.z * b.
 
 }  // namespace
 
-std::optional<MeshHeight> heightOf(const scene::Scene& scene, lattice::Point at) {
+std::optional<MeshHeight> heightOf(const Scene& scene, lattice::Point at) {
   const auto place = scene.locate(at);
   if (!place) return std::nullopt;
   const auto vec = [](const mesh::LocalVertex& v) { return Vec{double(v.x), double(v.y), double(v.z)}; };
@@ -33,7 +30,7 @@ std::optional<MeshHeight> heightOf(const scene::Scene& scene, lattice::Point at)
   return MeshHeight{place->height, boundOf(*place->leaf), n.x / length, n.y / length, n.z / length};
 }
 
-std::optional<MeshHit> cast(const scene::Scene& scene, const ground::Ray& ray) {
+std::optional<MeshHit> cast(const Scene& scene, const ground::Ray& ray) {
   // In steps, relative to the ray's origin.
   Vec d{ray.directionX, ray.directionY, ray.directionZ};
   const double most = std::max({std::abs(d.x), std::abs(d.y), std::abs(d.z)});
@@ -81,22 +78,4 @@ std::optional<MeshHit> cast(const scene::Scene& scene, const ground::Ray& ray) {
   return hit;
 }
 
-Outcome<Patch> groundAround(connection::Connection& connection, lattice::Point at, double radius, double error,
-                            std::chrono::milliseconds timeout) {
-  const wire::AskGround question{0, at, radius, error};
-  if (std::string refusal = wire::refusalOf(question); !refusal.empty()) return Error{std::move(refusal)};
-  auto answer = connection.askGround(question);
-  if (answer.wait_for(timeout) != std::future_status::ready)
-    return Error{"the server did not answer a question for the ground within " + std::to_string(timeout.count()) + " ms"};
-  auto ground = answer.get();
-  if (!ground) return ground.error();
-  Patch patch;
-  patch.error = ground->error;
-  wire::Iteration iteration;
-  iteration.number = 1;
-  iteration.whole = std::move(ground->leaves);
-  if (const auto applied = patch.scene.apply(iteration); !applied) return applied.error();
-  return patch;
-}
-
-}  // namespace ridgecast::query
+}  // namespace ridgecast::core

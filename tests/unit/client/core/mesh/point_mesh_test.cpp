@@ -1,5 +1,5 @@
 // A client keeps to its bounds and to the truth whatever points a server sends.
-#include "client/scene/point_mesh.h"
+#include "client/core/mesh/point_mesh.h"
 
 #include <gtest/gtest.h>
 
@@ -10,7 +10,7 @@
 
 #include "tests/support/leaf_meshes.h"
 
-namespace ridgecast::scene {
+namespace ridgecast::core {
 namespace {
 
 using lattice::LeafAddress;
@@ -203,4 +203,4 @@ TEST(PointMesh, EndsWorkThatCostsTheSquareOfItsPoints) {
 }
 
 }  // namespace
-}  // namespace ridgecast::scene
+}  // namespace ridgecast::core

@@ -1,19 +1,16 @@
 #pragma once
-// The ground according to the mesh held by a client, always with a bound of its error. (For the true terrain: ground.h.)
+// The ground according to the mesh held by a client, always with a bound of its error. (For the true terrain: client/query/ground.h.)
 //
 // A place's bound is that of its leaf: the server sampled the true terrain densely (server/query/query.h) and reports the largest distance
 // of the leaf's triangles from it. Leaves carry bounds if hello requested `errors`, and in answers to requests for the ground around a
 // point. Otherwise `bound` is infinite.
 
-#include <cstdint>
 #include <optional>
 
-#include "client/connection/connection.h"
-#include "client/scene/scene.h"
+#include "client/core/mesh/scene.h"
 #include "common/ground/ground.h"
-#include "common/outcome/outcome.h"
 
-namespace ridgecast::query {
+namespace ridgecast::core {
 
 struct MeshHeight {
   double height = 0;                             // metres, of the mesh
@@ -27,18 +24,8 @@ struct MeshHit {
 };
 
 // Of the scene's current state; empty if no held triangle is there. Tens of microseconds.
-std::optional<MeshHeight> heightOf(const scene::Scene& scene, lattice::Point at);
+std::optional<MeshHeight> heightOf(const core::Scene& scene, lattice::Point at);
 // The first triangle that the ray meets, from above or below. Searches the triangles of all leaves along it: milliseconds.
-std::optional<MeshHit> cast(const scene::Scene& scene, const ground::Ray& ray);
+std::optional<MeshHit> cast(const core::Scene& scene, const ground::Ray& ray);
 
-// The ground around a point, as its own scene: all triangles over the circle. Waits for the server. Errors: a radius or error
-// out of range; the server's refusal, which names an error that fits; an undecodable answer. `error` is what was reached: at most what was
-// requested.
-struct Patch {
-  scene::Scene scene;
-  double error = 0;
-};
-Outcome<Patch> groundAround(connection::Connection& connection, lattice::Point at, double radius, double error,
-                            std::chrono::milliseconds timeout = std::chrono::seconds(40));
-
-}  // namespace ridgecast::query
+}  // namespace ridgecast::core

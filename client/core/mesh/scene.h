@@ -7,21 +7,23 @@
 // Not thread-safe; one owner: reading makes leaves, too.
 
 #include <array>
+#include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <map>
 #include <memory>
 #include <optional>
 #include <set>
 #include <vector>
 
-#include "client/scene/point_mesh.h"
+#include "client/core/mesh/point_mesh.h"
 #include "common/lattice/lattice.h"
 #include "common/mesh/leaf_mesh.h"
 #include "common/outcome/outcome.h"
 #include "common/terrain/shades.h"
 #include "common/wire/messages.h"
 
-namespace ridgecast::scene {
+namespace ridgecast::core {
 
 // Most that is held, whatever a server sends.
 inline constexpr std::uint64_t kMaxTriangles = 8'000'000;
@@ -42,10 +44,13 @@ using Leaves = std::map<lattice::LeafAddress, HeldLeaf>;
 class Scene {
  public:
   // What travels besides leaves: points (Hello.points), and shades with the vertices (World.shaded_vertices); the triangles granted. Before
-  // the first iteration.
+  // the first iteration. `spread` does work for each number below `count`, in any order or at once; `bytes` say how much that is.
+  using Spread = void (*)(std::size_t count, std::size_t bytes, const std::function<void(std::size_t)>& work);
+  static void inOrder(std::size_t count, std::size_t bytes, const std::function<void(std::size_t)>& work);
   struct Following {
     bool points = false, shades = false;
     std::uint32_t triangles = 0;
+    Spread spread = inOrder;
   };
   void follow(const Following& what);
 
@@ -55,18 +60,26 @@ class Scene {
   // iteration.meshHash.
   Outcome<void> apply(const wire::Iteration& iteration);
 
-  // The same in two steps, for windows, which draw all leaves. prepare() decodes, if there is much on up to four threads, and makes leaves.
-  // It may run on another thread while leaves are read that were made before: call leaves() first. take() puts the result in place, in
+  // The same in two steps, for windows, which draw all leaves. prepare() decodes and makes leaves. It may
+  // run on another thread while leaves are read that were made before: call leaves() first. take() puts the result in place, in
   // microseconds; nothing else may have been prepared or changed in between.
   struct Prepared {
     std::uint64_t number = 0, hash = 0, triangles = 0;  // of the iteration; after it
     std::set<lattice::LeafAddress> gone;
     Leaves fresh;
+    std::vector<PointMesh::Changed> changed;
+    std::uint64_t came = 0;  // triangles
     bool lost = false;
   };
   Outcome<Prepared> prepare(const wire::Iteration& iteration);
   void take(Prepared&& prepared);
   void clear();
+
+  // For pictures that need no indices: of the last iteration, the leaves that points may have changed, and what to draw of these
+  // (PointMesh::draw()). None where points were lost: what is drawn stays.
+  const std::vector<PointMesh::Changed>& changed() const { return changed_; }
+  void draw(PointMesh::Drawing& to) const;
+  std::uint64_t came() const { return came_; }  // triangles of the last iteration's leaves, and those by which others grew
 
   // Points came that do not fit those held: leaves that points make stay as they were made, or are empty, until all come whole.
   bool lost() const { return lost_; }
@@ -105,7 +118,9 @@ class Scene {
   std::uint64_t hash_ = 0, triangles_ = 0, iteration_ = 0, version_ = 0;
   Following following_;
   bool lost_ = false;
+  std::vector<PointMesh::Changed> changed_;
+  std::uint64_t came_ = 0;
   std::unique_ptr<PointMesh> points_;  // made for the first iteration, where points are followed
 };
 
-}  // namespace ridgecast::scene
+}  // namespace ridgecast::core

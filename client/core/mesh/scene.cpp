@@ -1,13 +1,10 @@
-#include "client/scene/scene.h"
+#include "client/core/mesh/scene.h"
 
 #include <algorithm>
-#include <atomic>
-#include <future>
 #include <optional>
 #include <set>
 #include <span>
 #include <string>
-#include <thread>
 #include <utility>
 #include <vector>
 
@@ -16,7 +13,7 @@
 #include "common/outcome/contract.h"
 #include "common/wire/wire.h"
 
-namespace ridgecast::scene {
+namespace ridgecast::core {
 namespace {
 
 std::string nameOf(const lattice::LeafAddress& a) {
@@ -56,30 +53,15 @@ std::shared_ptr<const Shades> shadesOf(const mesh::LeafMesh& leaf, std::span<con
   return out;
 }
 
-// Does `work` for each k below `count`: on a few threads of its own when there is much to do, as the bytes of all of it say.
-template <class Work>
-void spread(std::size_t count, std::size_t bytes, const Work& work) {
-  constexpr std::size_t kWorthAThread = 8 << 10, kMostThreads = 4;
-  std::atomic<std::size_t> next{0};
-  const auto some = [&] {
-    for (std::size_t k = next++; k < count; k = next++) work(k);
-  };
-  std::vector<std::future<void>> others(
-      std::min({bytes / kWorthAThread, kMostThreads - 1, std::size_t{std::max(1u, std::thread::hardware_concurrency())} - 1}));
-  for (auto& other : others) other = std::async(std::launch::async, some);
-  some();
-  for (auto& other : others) other.get();
-}
-
 // One iteration on its way into a scene, in four steps: what goes, whether the whole has room, leaves that came whole, and those that
 // points make. The scene is only read.
 class Preparation {
  public:
-  Preparation(const wire::Iteration& iteration, const Scene& scene, PointMesh* points, bool shaded)
+  Preparation(const wire::Iteration& iteration, const Scene& scene, PointMesh* points, const Scene::Following& following)
       : iteration_(iteration),
         scene_(scene),
         points_(points),
-        shaded_(shaded),
+        following_(following),
         name_("iteration " + std::to_string(iteration.number) + ": ") {
     out_.number = iteration.number;
     out_.hash = scene.hash();
@@ -163,10 +145,11 @@ class Preparation {
     std::size_t bytes = 0;
     for (const wire::LeafWhole& whole : iteration_.whole) bytes += whole.payload.size();
     std::vector<Decoded> decoded(iteration_.whole.size());
-    spread(decoded.size(), bytes, [&](std::size_t k) { decoded[k] = decode(iteration_.whole[k]); });
+    following_.spread(decoded.size(), bytes, [&](std::size_t k) { decoded[k] = decode(iteration_.whole[k]); });
     for (Decoded& d : decoded) {
       if (d.error) return *d.error;
       const lattice::LeafAddress address = d.leaf.mesh->address;
+      out_.came += d.leaf.triangles;
       put(address, std::move(d.leaf));
     }
     for (const lattice::LeafAddress& address : iteration_.come) put(address, emptyLeaf(address));
@@ -180,8 +163,8 @@ class Preparation {
     leaf.hash = mesh::hashLeaf(*mesh);
     leaf.error = whole.error;
     hold(leaf, std::move(*mesh));
-    if (shaded_) leaf.shades = shadesOf(*leaf.mesh, whole.shades);
-    if (shaded_ && !leaf.shades) return {{}, wrong(whole.address, ": its shades are not those of its vertices")};
+    if (following_.shades) leaf.shades = shadesOf(*leaf.mesh, whole.shades);
+    if (following_.shades && !leaf.shades) return {{}, wrong(whole.address, ": its shades are not those of its vertices")};
     return {std::move(leaf), {}};
   }
 
@@ -195,12 +178,14 @@ class Preparation {
     out_.lost = !points_->follow({anew ? none : iteration_.gone, iteration_.come, iteration_.points, iteration_.shades});
     if (out_.lost) return lose();
     auto error = iteration_.errors.begin();
-    for (const PointMesh::Changed& changed : points_->takeChanged()) {
+    out_.changed = points_->takeChanged();
+    for (const PointMesh::Changed& changed : out_.changed) {
       const auto come = out_.fresh.find(changed.leaf);
       const bool isWhole = come != out_.fresh.end() && come->second.triangles != 0;
       if (isWhole) continue;
       const HeldLeaf* const before = come != out_.fresh.end() ? &come->second : held(changed.leaf);
       if (!before || (changed.hash == before->hash && come == out_.fresh.end())) continue;
+      out_.came += changed.triangles - std::min(changed.triangles, before->triangles);
       subtract(changed.leaf, *before);
       HeldLeaf leaf;
       leaf.low = changed.low, leaf.high = changed.high;
@@ -216,6 +201,7 @@ class Preparation {
   // What was not made of points that were followed before cannot be made any more.
   Outcome<void> lose() {
     if (!out_.lost) return {};
+    out_.changed.clear();
     const auto empty = [this](const lattice::LeafAddress& address, const HeldLeaf& leaf) {
       if (leaf.mesh) return;
       subtract(address, leaf);
@@ -242,7 +228,7 @@ class Preparation {
   const wire::Iteration& iteration_;
   const Scene& scene_;
   PointMesh* const points_;  // null: this client does not follow points
-  const bool shaded_;
+  const Scene::Following& following_;
   const std::string name_;
   Scene::Prepared out_;
 };
@@ -253,6 +239,10 @@ std::int64_t side(const mesh::LocalVertex& a, const mesh::LocalVertex& b, std::i
 }
 
 }  // namespace
+
+void Scene::inOrder(std::size_t count, std::size_t, const std::function<void(std::size_t)>& work) {
+  for (std::size_t k = 0; k < count; ++k) work(k);
+}
 
 Outcome<void> Scene::apply(const wire::Iteration& iteration) {
   auto prepared = decode(iteration);
@@ -272,7 +262,7 @@ Outcome<Scene::Prepared> Scene::decode(const wire::Iteration& iteration) {
   if (iteration.number == 0 || (iteration_ != 0 && iteration.number != iteration_ + 1))
     return Error{"iteration " + std::to_string(iteration.number) + ": out of order, " + std::to_string(iteration_ + 1) + " was expected"};
   if (following_.points && !points_) points_ = std::make_unique<PointMesh>(following_.shades, following_.triangles);
-  return Preparation(iteration, *this, points_.get(), following_.shades).run();
+  return Preparation(iteration, *this, points_.get(), following_).run();
 }
 
 void Scene::make(HeldLeaf& leaf, const lattice::LeafAddress& address) const {
@@ -308,7 +298,14 @@ void Scene::take(Prepared&& prepared) {
   hash_ = prepared.hash;
   triangles_ = prepared.triangles;
   iteration_ = prepared.number;
+  changed_ = std::move(prepared.changed);
+  came_ = prepared.came;
   lost_ = prepared.lost;
+}
+
+void Scene::draw(PointMesh::Drawing& to) const {
+  to = {};
+  if (!changed_.empty()) points_->draw(changed_, to);
 }
 
 void Scene::follow(const Following& what) {
@@ -327,6 +324,8 @@ std::vector<wire::HeldLeaf> Scene::held() const {
 
 void Scene::clear() {
   leaves_.clear();
+  changed_.clear();
+  came_ = 0;
   hash_ = triangles_ = iteration_ = 0;
   lost_ = true;
 }
@@ -353,4 +352,4 @@ std::optional<double> Scene::height(lattice::Point at) const {
   return place ? std::optional(place->height) : std::nullopt;
 }
 
-}  // namespace ridgecast::scene
+}  // namespace ridgecast::core

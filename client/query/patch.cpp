@@ -1,0 +1,28 @@
+#include "client/query/patch.h"
+
+#include <string>
+#include <utility>
+
+#include "common/wire/wire.h"
+
+namespace ridgecast::query {
+
+Outcome<Patch> groundAround(connection::Connection& connection, lattice::Point at, double radius, double error,
+                            std::chrono::milliseconds timeout) {
+  const wire::AskGround question{0, at, radius, error};
+  if (std::string refusal = wire::refusalOf(question); !refusal.empty()) return Error{std::move(refusal)};
+  auto answer = connection.askGround(question);
+  if (answer.wait_for(timeout) != std::future_status::ready)
+    return Error{"the server did not answer a question for the ground within " + std::to_string(timeout.count()) + " ms"};
+  auto ground = answer.get();
+  if (!ground) return ground.error();
+  Patch patch;
+  patch.error = ground->error;
+  wire::Iteration iteration;
+  iteration.number = 1;
+  iteration.whole = std::move(ground->leaves);
+  if (const auto applied = patch.scene.apply(iteration); !applied) return applied.error();
+  return patch;
+}
+
+}  // namespace ridgecast::query
