@@ -13,7 +13,7 @@ try {
   console.log('SKIPPED: the packages of client/web are not installed; ./run build does that with npm');
   process.exit(77);
 }
-if (!existsSync(join(here, 'src/generated/point_mesh.wasm'))) {
+if (!existsSync(join(here, 'src/generated/core.wasm'))) {
   console.log('SKIPPED: the page is not built; ./run build does that');
   process.exit(77);
 }

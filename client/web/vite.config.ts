@@ -33,13 +33,13 @@ function licences(): Plugin {
     name: 'licences',
     apply: 'build',
     generateBundle() {
-      const text = ['three', 'draco3d', '@bufbuild/protobuf'].map((name) => {
+      const text = ['three', 'draco3d'].map((name) => {
         const folder = join(__dirname, 'node_modules', name);
         const { version, license } = JSON.parse(readFileSync(join(folder, 'package.json'), 'utf8')) as { version: string; license: string };
         const file = join(folder, 'LICENSE');
         return `${name} ${version}: ${license}\n\n${existsSync(file) ? readFileSync(file, 'utf8') : 'See https://www.apache.org/licenses/LICENSE-2.0\n'}`;
       });
-      for (const name of ['libc++-14-dev-wasm32', 'wasi-libc']) {
+      for (const name of ['libc++-16-dev-wasm32', 'wasi-libc']) {
         const file = `/usr/share/doc/${name}/copyright`;
         if (existsSync(file)) text.push(`${name}:\n\n${readFileSync(file, 'utf8')}`);
       }

@@ -3,18 +3,52 @@
 import { readFileSync } from 'node:fs';
 import { createRequire } from 'node:module';
 import { join } from 'node:path';
-import { loadDraco } from '../../client/web/src/codec/draco';
-import { LeafAddress, LeafMesh, cornerX, cornerZ } from '../../client/web/src/codec/mesh';
+import { loadDraco } from '../../client/web/src/core/draco';
 import type { Parts } from '../../client/web/src/engine/engine';
+import { BLOCK, type DrawnLeaf, type LeafAddress, SLOT, type ToPainterFromEngine } from '../../client/web/src/messages';
 
 const folder = process.env['RIDGECAST_WEB']!; // client/web
 
-export const pointsModule = (): WebAssembly.Module => new WebAssembly.Module(readFileSync(join(folder, 'src/generated/point_mesh.wasm')));
-
 export async function parts(): Promise<Parts> {
   const require = createRequire(join(folder, 'package.json'));
-  const wasm = readFileSync(require.resolve('draco3d/draco_decoder.wasm'));
-  return { draco: await loadDraco(require('draco3d/draco_decoder_nodejs.js'), Uint8Array.from(wasm).buffer), points: pointsModule() };
+  const draco = readFileSync(require.resolve('draco3d/draco_decoder.wasm')), core = readFileSync(join(folder, 'src/generated/core.wasm'));
+  return { draco: await loadDraco(require('draco3d/draco_decoder_nodejs.js'), Uint8Array.from(draco).buffer), core: new WebAssembly.Module(core) };
+}
+
+/** What somebody draws who keeps a copy of the slots, as the painter does. */
+export class Copy {
+  readonly leaves = new Map<string, { leaf: DrawnLeaf; blocks: Uint32Array }>();
+  private readonly slots = new Map<number, Int32Array>();
+
+  apply({ gone, fresh, drawing, clear }: Extract<ToPainterFromEngine, { kind: 'change' }>): void {
+    if (clear) this.leaves.clear();
+    for (const key of gone) this.leaves.delete(key);
+    const { ends, blocks, changed, corners } = drawing;
+    changed.forEach((slot, k) => this.slots.set(slot, corners.slice(SLOT * k, SLOT * (k + 1))));
+    fresh.forEach((leaf, k) => this.leaves.set(leaf.key, { leaf, blocks: blocks.slice(k === 0 ? 0 : ends[k - 1], ends[k]) }));
+  }
+
+  /** Corners of a leaf's triangles: x, z, y of each, steps from its own. */
+  trianglesOf(key: string): Int32Array[] {
+    return [...this.leaves.get(key)!.blocks].flatMap((block) => Array.from({ length: BLOCK }, (_, k) => this.slots.get(BLOCK * block + k)!).filter((corners) => corners.some((v) => v !== 0)));
+  }
+  get triangles(): number {
+    return [...this.leaves.keys()].reduce((sum, key) => sum + this.trianglesOf(key).length, 0);
+  }
+
+  /** Of the whole mesh, by PROTOCOL.md alone. Throws where a block is drawn for two leaves, or a triangle lies beyond its leaf's bounds. */
+  get hash(): bigint {
+    const owned = [...this.leaves.values()].flatMap(({ blocks }) => [...blocks]);
+    if (new Set(owned).size !== owned.length) throw new Error('two leaves have a block');
+    let sum = 0n;
+    for (const [key, { leaf }] of this.leaves) {
+      const triangles = this.trianglesOf(key);
+      for (const corners of triangles)
+        if (corners.some((v, k) => v < leaf.low[k % 3]! || v > leaf.high[k % 3]!)) throw new Error(`leaf ${key} has a triangle beyond its bounds`);
+      sum += hashTerm(leaf.address, hashLeaf(leaf.address, triangles));
+    }
+    return whole(sum);
+  }
 }
 
 // ---- hashes, by PROTOCOL.md alone ----
@@ -31,14 +65,11 @@ const chain = (...values: bigint[]): bigint => values.reduceRight((sum, v) => mi
 
 export const hashVertex = (x: number, z: number, y: number): bigint => chain(whole(x), whole(z), whole(y));
 
-export function hashLeaf({ address, vertices, triangles }: LeafMesh): bigint {
-  const corner = (k: number): [number, number, number] => {
-    const v = 3 * triangles[k]!;
-    return [cornerX(address) + vertices[v]!, cornerZ(address) + vertices[v + 1]!, vertices[v + 2]!];
-  };
+export function hashLeaf({ level, i, j }: LeafAddress, triangles: readonly Int32Array[]): bigint {
+  const side = 2 ** (13 + level);
   let sum = 0n;
-  for (let k = 0; k < triangles.length; k += 3) {
-    const corners = [corner(k), corner(k + 1), corner(k + 2)];
+  for (const t of triangles) {
+    const corners = [0, 3, 6].map((k): [number, number, number] => [i * side + t[k]!, j * side + t[k + 1]!, t[k + 2]!]);
     while (corners.some(([x, z]) => x < corners[0]![0] || (x === corners[0]![0] && z < corners[0]![1]))) corners.push(corners.shift()!);
     sum += chain(...corners.map((c) => hashVertex(...c)));
   }

@@ -2,9 +2,9 @@
 
 import dracoFactory from 'draco3d/draco_decoder_nodejs.js';
 import dracoUrl from 'draco3d/draco_decoder.wasm?url';
-import { DracoFactory, loadDraco } from './codec/draco';
+import { DracoFactory, loadDraco } from './core/draco';
 import { Engine, Parts } from './engine/engine';
-import pointsUrl from './generated/point_mesh.wasm?url';
+import coreUrl from './generated/core.wasm?url';
 import type { FromEngine, ToEngine } from './messages';
 
 const page = self as unknown as { postMessage(message: FromEngine): void; onmessage: ((event: MessageEvent<ToEngine>) => void) | null };
@@ -16,9 +16,14 @@ async function loadBytes(url: string): Promise<ArrayBuffer> {
 }
 
 async function loadParts(): Promise<Parts> {
-  const [draco, points] = await Promise.all([dracoUrl, pointsUrl].map(loadBytes));
-  return { draco: await loadDraco(dracoFactory as unknown as DracoFactory, draco!), points: await WebAssembly.compile(points!) };
+  const [draco, core] = await Promise.all([dracoUrl, coreUrl].map(loadBytes));
+  return { draco: await loadDraco(dracoFactory as unknown as DracoFactory, draco!), core: await WebAssembly.compile(core!) };
 }
 
 const engine = new Engine((message) => page.postMessage(message), loadParts);
 page.onmessage = ({ data }) => engine.hear(data);
+self.addEventListener('error', (event) => {
+  if (!(event.error instanceof WebAssembly.RuntimeError)) return; // the page says so
+  event.preventDefault();
+  engine.failed();
+});

@@ -1,16 +1,38 @@
 // What the page's three threads say to each other. The page itself reads keys and shows figures; the engine (engine.worker.ts) holds the
 // connection and the mesh; the painter (painter.worker.ts) holds the pictures. Only plain values and transferred buffers travel.
 
-import type { LeafAddress } from './codec/mesh';
-import type { Camera, Loss, Settings } from './stream/stream';
 import type { Pose, Vec3 } from './render/view';
-import type { Drawing } from './scene/point_mesh';
+
+/** A camera in protocol units: steps, metres, radians, pixels. */
+export interface Camera {
+  x: number; // whole steps
+  z: number;
+  y: number;
+  yaw: number;
+  pitch: number;
+  verticalFov: number;
+  width: number;
+  height: number;
+}
+
+export interface LeafAddress {
+  readonly level: number;
+  readonly i: number; // whole, |i| <= 2^37
+  readonly j: number;
+}
+
+/** Why there is no connection. */
+export interface Loss {
+  sentence: string; // for a person
+  final: boolean; // else it will be tried again
+  wantsToken: boolean;
+}
 
 // ---- the page to the engine ----
 
 export type ToEngine =
   | { kind: 'painter'; port: MessagePort }
-  | { kind: 'start'; url: string; settings: Settings; token: string; name: string } // begins, or begins anew; what is held is resumed
+  | { kind: 'start'; url: string; threshold: number; token: string; name: string } // begins, or begins anew; what is held is resumed
   | { kind: 'pose'; camera: Camera; number: number } // the page counts them, from 1
   | { kind: 'candidates'; wanted: boolean } // for vertices
   | { kind: 'threshold'; pixels: number }
@@ -52,7 +74,7 @@ export interface WorldTold {
   threshold: number; // granted
   takesEdits: boolean;
   jumpsClock: boolean; // its clock may be set to a time
-  map: { x0: number; z0: number; x1: number; z1: number } | undefined; // steps: where a height map lies
+  map?: { x0: number; z0: number; x1: number; z1: number }; // steps: where a height map lies
 }
 
 /** The session's clock, as the server told of it. */
@@ -75,7 +97,7 @@ export interface ClockSet {
 export interface MemberTold {
   camera: string;
   name: string;
-  at: { x: number; y: number; z: number } | undefined; // steps, metres, steps; nothing: it has sent no pose
+  at?: { x: number; y: number; z: number }; // steps, metres, steps; nothing: it has sent no pose
 }
 
 export interface Figures {
@@ -104,12 +126,21 @@ export type FromEngine =
   | { kind: 'notice'; sentence: string } // of the session's clock, to this member
   | { kind: 'members'; members: MemberTold[] } // all the others
   | { kind: 'edit answer'; id: number; number: number; refusal: string } // number 0: refused
-  | { kind: 'touched'; number: number; touched: Touched | undefined } // the answer to a brush
+  | { kind: 'touched'; number: number; touched?: Touched } // the answer to a brush
   | ({ kind: 'lost' } & Loss)
   | { kind: 'figures'; figures: Figures }
   | { kind: 'ground'; metres: number }; // of the mesh below the newest pose
 
 // ---- the engine to the painter, over a port of their own ----
+
+/** Of leaves, for a copy of the slots that their triangles lie in, BLOCK to a block (core::PointMesh::Drawing). */
+export interface Drawing {
+  readonly ends: Uint32Array; // of each leaf, where its blocks end in `blocks`
+  readonly blocks: Uint32Array; // the numbers of all its blocks now
+  readonly changed: Uint32Array; // slots in these that are not as they were told last, block by block
+  readonly corners: Int32Array; // of those, x, z, y of three corners, steps from their leaf's corner; 0 where there is no triangle
+}
+export const BLOCK = 16, SLOT = 9; // slots of a block, numbers of a slot
 
 export interface DrawnLeaf {
   key: string;
@@ -139,9 +170,9 @@ export interface EditSquare {
 
 export type ToPainterFromEngine =
   | { kind: 'world'; source: string; seed: number; horizon: number }
-  | { kind: 'change'; gone: string[]; fresh: DrawnLeaf[]; drawing?: Drawing; clear: boolean } // the drawing of the fresh ones
+  | { kind: 'change'; gone: string[]; fresh: DrawnLeaf[]; drawing: Drawing; clear: boolean } // the drawing of the fresh ones
   | { kind: 'squares'; gone: string[]; fresh: EditSquare[] } // taken as changes are
-  | { kind: 'candidates'; candidates: Candidates | undefined };
+  | { kind: 'candidates'; candidates?: Candidates };
 
 /** The painter has taken a change: the engine acknowledges only then, so that changes never pile up here. */
 export type FromPainterToEngine = { kind: 'taken' };

@@ -5,15 +5,15 @@ import { readFileSync, writeSync } from 'node:fs';
 import { createRequire } from 'node:module';
 import { join } from 'node:path';
 import { test } from 'node:test';
-import { HeldEdits } from '../../../client/web/src/engine/held_edits';
-import type { World } from '../../../client/web/src/generated/ridgecast/v1/stream_pb';
+import { Core } from '../../../client/web/src/core/core';
+import { Line } from '../../../client/web/src/engine/line';
 import type { EditSquare } from '../../../client/web/src/messages';
-import { Stream } from '../../../client/web/src/stream/stream';
 import { closeAll, launch, missing } from './browser';
 import type { Answer, Question } from './edited_heights';
 import { NodeSocket } from './node_socket';
 import { randomFrom } from './random';
 import { Server, needed, sleep } from './server';
+import { parts } from '../../support/web';
 
 const why = missing();
 if (why) {
@@ -96,41 +96,33 @@ async function heightsAt(world: string, places: Float64Array): Promise<Uint32Arr
   return new Uint32Array(await answer.arrayBuffer());
 }
 
-/** What the page's engine holds of the edits around a place, fetched from the server as it does. */
+/** What the page's core holds of the edits around a place, fetched from the server. */
 async function hold(world: string, at: { x: number; z: number }): Promise<{ source: string; seed: number; squares: EditSquare[] }> {
+  const { core: module, draco } = await parts(), held = new Map<string, EditSquare>();
   return new Promise((resolve, reject) => {
-    const held = new Map<string, EditSquare>();
-    let edits: HeldEdits | undefined, source = '', seed = 0;
-    const socket = new NodeSocket(`${server.ws}/v1/stream?${world}`);
-    const follow = (): void => {
-      edits!.moveTo(at.x, at.z);
-      const { find, want } = edits!.take();
-      if (find) stream.findEdits(find.x, find.z, find.radius, find.since);
-      if (want.length > 0) stream.wantSquares(want);
-      const { fresh, gone } = edits!.changes();
-      for (const key of gone) held.delete(key);
-      for (const square of fresh) held.set(square.key, square);
-      if (!edits!.complete) return;
-      stream.close();
-      resolve({ source, seed, squares: [...held.values()] });
-    };
-    const stream: Stream = new Stream(
-      { open: () => socket, clientName: 'test', settings: { threshold: 16, candidates: 0 } },
-      {
-        onWorld: (world: World) => {
-          source = new TextDecoder().decode(world.terrainSource);
-          seed = world.seed;
-          edits = new HeldEdits(world.horizon);
-          edits.know(world.edit);
-          setTimeout(follow);
-          return [];
-        },
-        onIteration: () => {},
-        onFoundEdits: (found) => (edits!.found(found), follow()),
-        onSquares: (squares) => (edits!.put(squares), follow()),
-        onLost: ({ sentence }) => reject(new Error(sentence)),
+    let source = '', seed = 0;
+    const core: Core = new Core(module, draco, {
+      dial: () => line.dial(),
+      send: (frame) => line.send(frame),
+      hangUp: (why) => line.hangUp(why),
+      tell: (message) => {
+        if (message.kind !== 'figures' || !message.figures.settled) return;
+        line.close();
+        resolve({ source, seed, squares: [...held.values()] });
       },
-    );
+      paint: (message) => {
+        if (message.kind === 'world') ({ source, seed } = message);
+        if (message.kind === 'squares') {
+          for (const key of message.gone) held.delete(key);
+          for (const square of message.fresh) held.set(square.key, square);
+        }
+        if (message.kind === 'squares' || message.kind === 'change') setTimeout(() => (core.taken(), line.go()));
+      },
+    });
+    const line = new Line(core, { open: () => new NodeSocket(`${server.ws}/v1/stream?${world}`), onLost: ({ sentence }) => reject(new Error(sentence)) });
+    core.start(new URL(server.http).host, 'test', 16);
+    core.pose({ ...at, y: 3000, yaw: 0, pitch: -1, verticalFov: 1, width: 320, height: 180 }, 1);
+    line.go();
   });
 }
 

@@ -2,7 +2,7 @@
 
 import { randomBytes } from 'node:crypto';
 import { Socket as Tcp, connect } from 'node:net';
-import type { Socket } from '../../../client/web/src/stream/stream';
+import type { Socket } from '../../../client/web/src/engine/line';
 
 export class NodeSocket implements Socket {
   binaryType = 'arraybuffer';

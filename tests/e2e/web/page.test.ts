@@ -12,7 +12,7 @@ import { test } from 'node:test';
 import { promisify } from 'node:util';
 import { errorColour } from '../../../client/web/src/render/colours';
 import type { Report } from '../../../client/web/src/main';
-import type { Camera } from '../../../client/web/src/stream/stream';
+import type { Camera } from '../../../client/web/src/messages';
 import { PATIENCE, Viewer, closeAll, launch, missing } from './browser';
 import { contrast, decodePng, ssim } from './picture';
 import { Replay, record } from './replay';

@@ -9,7 +9,7 @@ import type { AddressInfo } from 'node:net';
 import { extname, join } from 'node:path';
 import type { Duplex } from 'node:stream';
 import { ClientMessageSchema, Pacing, PoseSchema, ServerMessageSchema } from '../../../client/web/src/generated/ridgecast/v1/stream_pb';
-import type { Camera } from '../../../client/web/src/stream/stream';
+import type { Camera } from '../../../client/web/src/messages';
 import { NodeSocket } from './node_socket';
 
 const WINDOW = 4; // iterations that may be unacknowledged

@@ -1,133 +1,153 @@
-// The page's decoder, in node, against the real server: after every iteration of a flight it holds exactly what the server has.
+// The page's core, in node, against the real server: after every iteration of a flight it holds exactly what the server has, and so does
+// who draws it.
 
 import assert from 'node:assert/strict';
+import { fromBinary, toBinary } from '@bufbuild/protobuf';
 import { test } from 'node:test';
-import { LeafAddress, keyOf } from '../../../client/web/src/codec/mesh';
-import type { Iteration, World } from '../../../client/web/src/generated/ridgecast/v1/stream_pb';
-import { Replica } from '../../../client/web/src/replica/replica';
-import { BLOCK, SLOT } from '../../../client/web/src/scene/point_mesh';
-import type { Change, Scene } from '../../../client/web/src/scene/scene';
-import { Camera, Stream } from '../../../client/web/src/stream/stream';
-import { hashLeaf, hashTerm, parts } from '../../support/web';
+import { Core } from '../../../client/web/src/core/core';
+import { Line } from '../../../client/web/src/engine/line';
+import type { Parts } from '../../../client/web/src/engine/engine';
+import { ServerMessageSchema } from '../../../client/web/src/generated/ridgecast/v1/stream_pb';
+import type { Camera, Figures } from '../../../client/web/src/messages';
+import { Copy, parts } from '../../support/web';
 import { NodeSocket } from './node_socket';
 import { randomFrom } from './random';
-import { Server } from './server';
+import { Server, sleep } from './server';
 
+const PATIENCE = 60_000; // ms
 const forms = { plain: 0, draco: 0, points: 0, come: 0, gone: 0 }; // how leaves came and went
+const loaded: Parts = await parts();
 
-/** Flies in lock-step; resolves once `cameras` have had their iterations. */
-async function fly(server: Server, replica: Replica, cameras: Camera[], more: { damage?: boolean; copy?: Copy } = {}): Promise<{ triangles: number; damages: number; times: number[] }> {
-  return new Promise((resolve, reject) => {
-    let next = 0, triangles = 0, damages = 0, requests = 0;
-    const times: number[] = [], copy = more.copy ?? new Copy();
-    const socket = new NodeSocket(`${server.ws}/v1/stream`);
-    const stream: Stream = new Stream(
-      { open: () => socket, clientName: 'test', settings: { threshold: 1, candidates: 0 }, lockstep: true },
-      {
-        onWorld: (world: World) => {
-          assert.equal(world.stepBits, 8);
-          setTimeout(() => stream.pose(cameras[next++]!));
-          return replica.resume(world, { acknowledge: (number, hash) => stream.acknowledge(number, hash), resend: () => (++requests, stream.resend()) });
-        },
-        onIteration: (iteration: Iteration) => {
-          for (const w of iteration.whole) if (w.payload.length > 0) w.payload[0] === 0x11 ? ++forms.draco : ++forms.plain;
-          forms.points += iteration.points.length;
-          forms.come += iteration.come.length;
-          forms.gone += iteration.gone.length;
-          // A bit that is wrong must be noticed, and mended by the server with the next iteration.
-          const damaged = more.damage && iteration.number % 4n === 0n && iteration.points.length > 8;
-          if (damaged) iteration.points[(++damages * 7919) % iteration.points.length]! ^= 1 << damages % 8;
-          const began = performance.now();
-          const applied = replica.apply(iteration), { decoded, agrees, acknowledge } = applied;
-          times.push(performance.now() - began);
-          copy.apply(applied);
-          if (iteration.number % 16n === 0n && agrees) copy.check(replica.scene);
-          triangles += decoded;
-          assert.equal(agrees, !damaged, `iteration ${iteration.number}`);
-          assert.equal(requests, damages);
-          acknowledge();
-          // Iterations that see nothing come faster than the server takes messages.
-          if (next < cameras.length) return void setTimeout(() => stream.pose(cameras[next++]!), 1);
-          stream.close();
-          resolve({ triangles, damages, times });
-        },
-        onLost: ({ sentence }) => {
-          stream.close();
-          reject(new Error(sentence));
-        },
-      },
-    );
+/** Notes how leaves came. Of every fourth iteration with points one bit is turned, where that is wanted: the next one must mend it. */
+class Watched extends NodeSocket {
+  hash = 0n; // the server's, of the last iteration
+  damages = 0;
+
+  constructor(url: string, damage: boolean) {
+    super(url);
+    let hear: ((event: { data: unknown }) => void) | null = null;
+    const watch = ({ data }: { data: unknown }): void => {
+      const message = fromBinary(ServerMessageSchema, new Uint8Array(data as ArrayBuffer)), iteration = message.kind.value;
+      if (message.kind.case !== 'iteration' || iteration?.$typeName !== 'ridgecast.v1.Iteration') return hear?.({ data });
+      this.hash = iteration.meshHash;
+      for (const { payload } of iteration.whole) if (payload.length > 0) payload[0] === 0x11 ? ++forms.draco : ++forms.plain;
+      forms.points += iteration.points.length;
+      forms.come += iteration.come.length;
+      forms.gone += iteration.gone.length;
+      if (!damage || iteration.number % 4n !== 0n || iteration.points.length <= 8) return hear?.({ data });
+      iteration.points[(++this.damages * 7919) % iteration.points.length]! ^= 1 << this.damages % 8;
+      hear?.({ data: Uint8Array.from(toBinary(ServerMessageSchema, message)).buffer });
+    };
+    Object.defineProperty(this, 'onmessage', { get: () => (hear ? watch : null), set: (to: typeof hear) => (hear = to) });
+  }
+}
+
+class Client {
+  readonly copy = new Copy();
+  figures: Figures | undefined;
+  times: number[] = []; // milliseconds of each iteration
+  lost: string | undefined;
+  socket!: Watched;
+  private heard = (): void => {};
+  private poses = 0;
+  readonly core = new Core(loaded.core, loaded.draco, {
+    dial: () => this.line.dial(),
+    send: (frame) => this.line.send(frame),
+    hangUp: (why) => this.line.hangUp(why),
+    tell: (message) => {
+      if (message.kind !== 'figures') return;
+      if (message.figures.iteration !== this.figures?.iteration) this.times.push(performance.now() - this.line.heardAt);
+      this.figures = message.figures;
+      setTimeout(() => this.heard());
+    },
+    paint: (message) => {
+      if (message.kind === 'change') this.copy.apply(message);
+      if (message.kind === 'change' || message.kind === 'squares') setTimeout(() => (this.core.taken(), this.line.go()));
+    },
   });
+  private line!: Line;
+
+  constructor(private readonly server: Server, private readonly damage = false) {}
+
+  begin(): void {
+    this.line = new Line(this.core, {
+      open: () => (this.socket = new Watched(`${this.server.ws}/v1/stream`, this.damage)),
+      onLost: ({ sentence }) => {
+        this.lost = sentence;
+        this.heard();
+      },
+    });
+    this.core.start(new URL(this.server.http).host, 'test', 1);
+    this.line.go();
+  }
+  end(): void {
+    this.line.close();
+  }
+
+  /** Gives each pose when an iteration has come since the one before; `each` then. */
+  async fly(cameras: Camera[], each: (figures: Figures, hash: bigint) => void): Promise<void> {
+    for (const camera of cameras) {
+      const last = this.figures?.iteration ?? 0;
+      this.core.pose(camera, ++this.poses);
+      this.line.go();
+      while (this.figures === undefined || this.figures.iteration === last) await Promise.race([new Promise<void>((done) => (this.heard = done)), sleep(PATIENCE).then(() => assert.fail('no iteration comes'))]);
+      assert.equal(this.lost, undefined);
+      each(this.figures, this.socket.hash);
+    }
+  }
 }
 
 const flight = (x: number, z: number, steps: number, speed = 12_000): Camera[] =>
   Array.from({ length: steps }, (_, k) => ({ x: x + k * speed, z: z - k * 3 * speed, y: 2600, yaw: -0.3 + 0.02 * k, pitch: -0.2, verticalFov: 1.0472, width: 640, height: 360 }));
 
-/** What somebody draws who keeps a copy of the slots. */
-class Copy {
-  private readonly leaves = new Map<string, { address: LeafAddress; blocks: Uint32Array }>();
-  private readonly slots = new Map<number, Int32Array>();
-
-  apply({ gone, drawn, drawing: { ends, blocks, changed, corners } }: Change): void {
-    for (const address of gone) this.leaves.delete(keyOf(address));
-    changed.forEach((slot, k) => this.slots.set(slot, corners.subarray(SLOT * k, SLOT * (k + 1))));
-    drawn.forEach(({ address }, k) => this.leaves.set(keyOf(address), { address, blocks: blocks.subarray(k === 0 ? 0 : ends[k - 1], ends[k]) }));
-  }
-
-  /** They are the triangles that the hashes tell of. */
-  check({ leaves }: Scene): void {
-    assert.deepEqual([...this.leaves.keys()].sort(), [...leaves.keys()].sort());
-    const owned = [...this.leaves.values()].flatMap(({ blocks }) => [...blocks]);
-    assert.equal(new Set(owned).size, owned.length);
-    for (const [key, { address, blocks }] of this.leaves) {
-      const vertices: number[] = [];
-      for (const block of blocks)
-        for (let k = 0; k < BLOCK; ++k) {
-          const corners = this.slots.get(BLOCK * block + k)!;
-          if (corners.some((v) => v !== 0)) vertices.push(...corners);
-        }
-      assert.equal(hashLeaf({ address, vertices: Int32Array.from(vertices), triangles: Uint32Array.from({ length: vertices.length / 3 }, (_, k) => k) }), leaves.get(key)!.hash);
-    }
-  }
-}
-
-/** The hashes that points were compared by are those of the leaves that are held, reckoned by other code. */
-function checkHashes({ scene }: Replica): void {
-  let sum = 0n;
-  for (const { mesh, hash } of scene.leaves.values()) {
-    assert.equal(hashLeaf(mesh), hash);
-    sum += hashTerm(mesh.address, hash);
-  }
-  assert.equal(BigInt.asUintN(64, sum), scene.hash);
-}
-
 for (const terrain of ['alpine', 'canyon'])
   test(`every iteration of a flight over ${terrain} has the hash that the server says`, async (t) => {
     const server = await Server.start(['--terrain', terrain, '--seed', '1']);
     t.after(() => server.stop());
-    const { draco, points } = await parts();
-
-    const replica = new Replica(draco, points), { scene } = replica, copy = new Copy();
-    const { triangles, times } = await fly(server, replica, flight(358_400, 921_600, 120), { copy });
-    times.sort((a, b) => a - b);
-    t.diagnostic(`${triangles} triangles came; an iteration took ${times[60]!.toFixed(1)} ms, one ${times[118]!.toFixed(1)}; ${JSON.stringify(forms)}`);
-    assert.ok(scene.triangles > 10_000);
+    const client = new Client(server), { copy } = client;
+    let looked = 0, checked = 0;
+    const check = ({ hashOk, iteration, triangles }: Figures, hash: bigint): void => {
+      assert.ok(hashOk, `iteration ${iteration}`);
+      if (++looked % 8 !== 0) return;
+      ++checked;
+      assert.equal(copy.hash, hash, `iteration ${iteration} on the screen`);
+      assert.equal(copy.triangles, triangles);
+    };
+    client.begin();
+    await client.fly(flight(358_400, 921_600, 120), check);
+    const times = client.times.sort((a, b) => a - b), { decoded, triangles, mismatches } = client.figures!;
+    t.diagnostic(`${decoded} triangles came in ${times.length} iterations; one took ${times[times.length >> 1]!.toFixed(1)} ms, one of a hundred ${times[Math.floor(0.99 * times.length)]!.toFixed(1)}; ${JSON.stringify(forms)}`);
+    assert.equal(mismatches, 0);
+    assert.ok(triangles > 10_000 && checked > 10);
     assert.ok(forms.points > 10_000 && forms.come > 100 && forms.gone > 100, JSON.stringify(forms));
-    checkHashes(replica);
 
     await t.test('resumes on a new connection', async () => {
-      const before = scene.triangles;
-      const { triangles: again } = await fly(server, replica, flight(358_400 + 119 * 12_000, 921_600 - 119 * 36_000, 3, 0), { copy });
-      copy.check(scene);
-      assert.ok(again < before / 2, `${again} of ${before} came again`);
+      client.end();
+      client.begin();
+      await client.fly(flight(358_400 + 119 * 12_000, 921_600 - 119 * 36_000, 3, 0), check);
+      const again = client.figures!.decoded - decoded;
+      assert.ok(again < triangles / 2, `${again} of ${triangles} came again`);
+      assert.equal(copy.hash, client.socket.hash);
     });
-    await t.test('far away', () => fly(server, new Replica(draco, points), flight(2 ** 50 - 2 ** 30, -(2 ** 49), 6)));
+    client.end();
+    await t.test('far away', async () => {
+      const far = new Client(server);
+      far.begin();
+      await far.fly(flight(2 ** 50 - 2 ** 30, -(2 ** 49), 6), ({ hashOk }) => assert.ok(hashOk));
+      assert.equal(far.copy.hash, far.socket.hash);
+      far.end();
+    });
     await t.test('damaged points are noticed and mended', async () => {
-      const mended = new Replica(draco, points);
-      const { damages } = await fly(server, mended, flight(358_400, 921_600, 41), { damage: true });
-      assert.ok(damages >= 8, `${damages}`);
+      const mended = new Client(server, true);
+      let agreed = 0;
+      mended.begin();
+      await mended.fly(flight(358_400, 921_600, 41), ({ hashOk }, hash) => {
+        if (hashOk) ++agreed, assert.equal(mended.copy.hash, hash);
+      });
+      const { mismatches } = mended.figures!, { damages } = mended.socket;
+      assert.ok(damages >= 5 && mismatches >= damages / 2 && agreed >= 8, `${damages} damaged, ${mismatches} mended, ${agreed} agree`);
       assert.ok(forms.draco > 0 && forms.plain > 10, JSON.stringify(forms));
-      checkHashes(mended);
+      mended.end();
     });
   });
 
@@ -138,7 +158,6 @@ test('random flights have the hashes that the server says', async (t) => {
   const terrains = ['alpine', 'canyon', 'archipelago'];
   const servers = await Promise.all(terrains.map((terrain) => Server.start(['--terrain', terrain, '--seed', '5'])));
   t.after(() => Promise.all(servers.map((server) => server.stop())));
-  const { draco, points } = await parts();
   for (let n = 0; n < flights; ++n) {
     const reach = 2 ** random(0, 49), speed = 2 ** random(4, 16), height = 2 ** random(10, 13), turn = random(-0.1, 0.1), yaw = random(-3, 3), pitch = random(-1.4, 0.3);
     const start = [Math.round(random(-reach, reach)), Math.round(random(-reach, reach))] as const;
@@ -149,8 +168,11 @@ test('random flights have the hashes that the server says', async (t) => {
       z -= Math.round(speed * Math.cos(heading));
       return { x, z, y: height, yaw: heading, pitch, verticalFov: 1.0472, width: 640, height: 360 };
     });
-    const replica = new Replica(draco, points), { triangles } = await fly(servers[n % 3]!, replica, cameras);
-    checkHashes(replica);
-    t.diagnostic(`${terrains[n % 3]} at ${start}: ${triangles} triangles came, ${replica.scene.triangles} are held`);
+    const client = new Client(servers[n % 3]!);
+    client.begin();
+    await client.fly(cameras, ({ hashOk, iteration }) => assert.ok(hashOk, `iteration ${iteration}`));
+    assert.equal(client.copy.hash, client.socket.hash);
+    t.diagnostic(`${terrains[n % 3]} at ${start}: ${client.figures!.decoded} triangles came, ${client.figures!.triangles} are held`);
+    client.end();
   }
 });

@@ -2,12 +2,12 @@
 // pyramid (common/terrain/edited.glsl). As client/render/edit_texture.h.
 
 import { DataTexture, IntType, NearestFilter, NearestMipmapNearestFilter, RedIntegerFormat, Vector2, type WebGLRenderer } from 'three';
-import { TILE_SIDE } from '../codec/tile';
 import type { EditSquare } from '../messages';
 import { type Pose, STEPS_PER_METRE, type ViewUniforms } from './view';
 
 const CELLS = 17, SQUARES = 64; // of the table, and of a cell, a side
 const TABLE = CELLS * SQUARES;
+const TILE_SIDE = 128; // posts of a square
 const LEVELS = 8;
 const CELL = 2 ** 20; // steps
 

@@ -2,9 +2,7 @@
 // A table that is written for each picture tells the vertex shader, block by block, where the leaf lies from the camera's own step.
 
 import { BufferAttribute, BufferGeometry, Camera, DataTexture, DoubleSide, GLSL3, IntType, LessDepth, Mesh, NoBlending, RGBAIntegerFormat, RawShaderMaterial, Scene, WebGLRenderTarget, WebGLRenderer } from 'three';
-import { cornerX, cornerZ } from '../codec/mesh';
-import type { DrawnLeaf, ToPainterFromEngine } from '../messages';
-import { BLOCK, SLOT } from '../scene/point_mesh';
+import { BLOCK, type DrawnLeaf, SLOT, type ToPainterFromEngine } from '../messages';
 import { MESH_FRAGMENT, MESH_VERTEX } from './shaders';
 import { STEPS_PER_METRE, View, ViewUniforms, mayBeSeen } from './view';
 
@@ -86,7 +84,6 @@ export class Leaves {
     ++this.version;
     if (clear) this.held.clear(), (this.end = 0);
     for (const key of gone) this.held.delete(key);
-    if (!drawing) return;
     const { ends, blocks, changed, corners } = drawing;
     for (const block of blocks) if (block >= this.end) this.end = block + 1;
     while (this.end > this.store.blocks) this.grow();
@@ -115,7 +112,7 @@ export class Leaves {
     const y = Math.floor(pose.y * STEPS_PER_METRE), metres = 1 / STEPS_PER_METRE;
     places.fill(-1);
     for (const { leaf, blocks } of this.held.values()) {
-      const x = cornerX(leaf.address) - pose.x, z = cornerZ(leaf.address) - pose.z;
+      const side = 2 ** (13 + leaf.address.level), x = leaf.address.i * side - pose.x, z = leaf.address.j * side - pose.z;
       const { low, high } = leaf;
       if (Math.abs(x) >= FARTHEST || Math.abs(z) >= FARTHEST) continue;
       if (!mayBeSeen(view, [(x + low[0] - 1) * metres, (low[2] - y - 1) * metres, (z + low[1] - 1) * metres], [(x + high[0]) * metres, (high[2] - y) * metres, (z + high[1]) * metres])) continue;

@@ -1,9 +1,8 @@
 // The page's side of the engine: the last of what it said, and the poses that it is given.
 
 import EngineWorker from '../engine.worker?worker';
-import type { Figures, FromEngine, MemberTold, ToEngine, WorldTold } from '../messages';
+import type { Camera, Figures, FromEngine, MemberTold, ToEngine, WorldTold } from '../messages';
 import { Pose, samePose } from '../render/view';
-import type { Camera } from '../stream/stream';
 
 const POSE_INTERVAL = 33; // ms: poses a second at most 30
 

@@ -181,7 +181,7 @@ export class Viewer {
     if (!this.draws) return;
     this.makingSince = this.place.terrain ? performance.now() : 0;
     this.notices.noProblem();
-    this.engine.send({ kind: 'start', url: this.streamUrl(), settings: { threshold: this.place.threshold ?? 0, candidates: 0 }, token: this.token, name: this.people.ownName });
+    this.engine.send({ kind: 'start', url: this.streamUrl(), threshold: this.place.threshold ?? 0, token: this.token, name: this.people.ownName });
   }
 
   /** For good. */

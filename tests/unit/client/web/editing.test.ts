@@ -2,13 +2,10 @@
 
 import assert from 'node:assert/strict';
 import { test } from 'node:test';
-import type { Brush, Place } from '../../../../client/web/src/messages';
+import type { Place } from '../../../../client/web/src/messages';
 import type { Pose } from '../../../../client/web/src/render/view';
-import { HeldLeaf } from '../../../../client/web/src/scene/draft';
-import { Scene } from '../../../../client/web/src/scene/scene';
-import { touch } from '../../../../client/web/src/scene/touch';
 import { Editing } from '../../../../client/web/src/ui/editing';
-import { pathOf, towards } from '../../../../client/web/src/ui/outline';
+import { pathOf } from '../../../../client/web/src/ui/outline';
 
 interface Sent {
   id: number;
@@ -175,45 +172,6 @@ test('a server that does not answer is not flooded', () => {
 });
 
 // ---- the ground ----
-
-const AT = { level: 0, i: 3, j: -2 }, SIDE = 2 ** 13; // 32 m
-const heightAt = (x: number, z: number): number => Math.round(600 + 0.2 * x - 0.1 * z); // steps, of a slope
-
-/** A leaf of a slope in a grid of triangles. */
-function slope(): Scene {
-  const n = 16, vertices: number[] = [], triangles: number[] = [];
-  for (let j = 0; j <= n; ++j) for (let i = 0; i <= n; ++i) vertices.push((i * SIDE) / n, (j * SIDE) / n, heightAt((i * SIDE) / n, (j * SIDE) / n));
-  for (let j = 0; j < n; ++j)
-    for (let i = 0; i < n; ++i) {
-      const a = j * (n + 1) + i, b = a + 1, c = a + n + 1, d = c + 1;
-      triangles.push(a, c, b, b, c, d);
-    }
-  const leaf = HeldLeaf.of({ address: AT, vertices: Int32Array.from(vertices), triangles: Uint32Array.from(triangles) }, 0n);
-  const scene = new Scene(undefined as never, undefined as never);
-  scene.leaves.set('0', leaf);
-  return scene;
-}
-
-const EYE: Pose = { x: AT.i * SIDE + SIDE / 2, z: AT.j * SIDE + SIDE + 2000, remainderX: 0.5, remainderZ: 0.25, y: 20, yaw: 0.1, pitch: -0.7 };
-
-test('a ray meets the mesh where it is, and the outline and the line lie on it', () => {
-  const scene = slope(), frame = { pose: EYE, width: 640, height: 360, verticalFov: 1 };
-  for (const [x, y] of [[320, 180], [200, 200], [400, 150]] as const) {
-    const direction = towards(frame, x, y), corner: Place = { x: AT.i * SIDE + 1000, z: AT.j * SIDE + 1000, y: 0 };
-    const brush: Brush = { number: 1, from: EYE, towards: direction, radius: 2, line: [corner] };
-    const { at, outline, line } = touch(scene, brush)!;
-    const above = (p: Place): number => p.y * 256 - (600 + 0.2 * (p.x - AT.i * SIDE) - 0.1 * (p.z - AT.j * SIDE));
-    for (const p of [at, ...outline, ...line]) assert.ok(Math.abs(above(p)) < 2, `${above(p)} steps above the slope`);
-    for (const p of outline) assert.ok(Math.abs(Math.hypot(p.x - at.x, p.z - at.z) - 512) < 1);
-    // On the ray: seen from the eye, the place lies below the pointer.
-    const path = pathOf([at, at], frame, false), [px, py] = /^M([\d.]+) ([\d.]+)/.exec(path)!.slice(1).map(Number);
-    assert.ok(Math.hypot(px! - x, py! - y) < 0.2, `${path} is not ${x} ${y}`);
-    assert.deepEqual([line[0]!.x, line[0]!.z, line.at(-1)], [corner.x, corner.z, at]);
-    for (let k = 1; k < line.length; ++k) assert.ok(Math.hypot(line[k]!.x - line[k - 1]!.x, line[k]!.z - line[k - 1]!.z) <= 4 * 256 + 1);
-  }
-  assert.equal(touch(scene, { number: 2, from: EYE, towards: [0, 1, 0], radius: 2, line: [] }), undefined, 'the sky');
-  assert.equal(touch(scene, { number: 3, from: EYE, towards: [0, -1, 0], radius: 2, line: [] }), undefined, 'beside the leaf');
-});
 
 test('what lies behind the camera is cut off a line, and a line behind it alone is none', () => {
   const pose: Pose = { x: 0, z: 0, remainderX: 0, remainderZ: 0, y: 0, yaw: 0, pitch: 0 }, frame = { pose, width: 100, height: 100, verticalFov: Math.PI / 2 };

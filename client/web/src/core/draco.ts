@@ -1,18 +1,16 @@
-// The only door to Draco: a WebAssembly module, fetched when the first Draco payload comes. Runs in a worker.
+// Draco's own WebAssembly module, which decodes the core's Draco streams. Runs in a worker.
 
-import type { DracoDecode } from './leaf';
-import { Refusal } from './mesh';
+/** Faces and the integer attribute of a stream; nothing: it is damaged, or has no such attribute or another number of faces. */
+export type DracoDecode = (bytes: Uint8Array, triangles: number) => { points: Uint32Array; triangles: Uint32Array } | undefined;
 
 interface DracoModule {
   HEAPU32: Uint32Array;
-  HEAP32: Int32Array;
   _malloc(size: number): number;
   _free(at: number): void;
   Decoder: new () => DracoDecoder;
   DecoderBuffer: new () => { Init(bytes: Int8Array | Uint8Array, length: number): void };
   Mesh: new () => DracoMesh;
   destroy(object: unknown): void;
-  POSITION: number;
   DT_INT32: number;
 }
 interface DracoMesh {
@@ -41,20 +39,16 @@ export async function loadDraco(factory: DracoFactory, wasmBinary: ArrayBuffer):
     let room = 0;
     try {
       buffer.Init(bytes, bytes.length);
-      if (!decoder.DecodeBufferToMesh(buffer, mesh).ok()) throw new Refusal('its Draco stream is damaged');
+      if (!decoder.DecodeBufferToMesh(buffer, mesh).ok()) return undefined;
       const count = mesh.num_points();
-      if (mesh.num_faces() !== triangles || count > 3 * triangles || mesh.num_attributes() !== 1)
-        throw new Refusal('its Draco stream does not have the announced counts');
+      if (mesh.num_faces() !== triangles || count > 3 * triangles || mesh.num_attributes() !== 1) return undefined;
       const attribute = decoder.GetAttribute(mesh, 0);
-      if (attribute.num_components() !== 3) throw new Refusal('its Draco stream has no positions');
+      if (attribute.num_components() !== 3) return undefined;
       room = module._malloc(12 * Math.max(count, triangles));
-      if (!decoder.GetAttributeDataArrayForAllPoints(mesh, attribute, module.DT_INT32, 12 * count, room))
-        throw new Refusal('its Draco stream is damaged');
-      const points = module.HEAP32.slice(room >> 2, (room >> 2) + 3 * count);
-      if (!decoder.GetTrianglesUInt32Array(mesh, 12 * triangles, room)) throw new Refusal('its Draco stream is damaged');
-      const faces = module.HEAPU32.slice(room >> 2, (room >> 2) + 3 * triangles);
-      for (const v of faces) if (v >= count) throw new Refusal('a triangle names a vertex that is not there');
-      return { points, triangles: faces };
+      const numbers = (n: number): Uint32Array => module.HEAPU32.slice(room >> 2, (room >> 2) + 3 * n);
+      if (!decoder.GetAttributeDataArrayForAllPoints(mesh, attribute, module.DT_INT32, 12 * count, room)) return undefined;
+      const points = numbers(count);
+      return decoder.GetTrianglesUInt32Array(mesh, 12 * triangles, room) ? { points, triangles: numbers(triangles) } : undefined;
     } finally {
       if (room) module._free(room);
       module.destroy(mesh);
