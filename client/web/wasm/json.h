@@ -1,6 +1,7 @@
 #pragma once
 // JSON for the page, written from left to right.
 
+#include <cmath>
 #include <concepts>
 #include <cstdio>
 #include <string>
@@ -31,7 +32,7 @@ inline std::string json(std::integral auto value) {
   else
     return std::to_string(value);
 }
-inline std::string json(double value) { return text::rounded(value, 17); }  // finite
+inline std::string json(double value) { return std::isfinite(value) ? text::rounded(value, 17) : "null"; }
 
 // {"name":value,...}
 class Object {
