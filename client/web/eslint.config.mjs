@@ -2,8 +2,8 @@
 import tseslint from 'typescript-eslint';
 
 export default tseslint.config({
-  files: ['src/**/*.ts', 'vite.config.ts'],
-  ignores: ['src/generated/**'],
+  files: ['src/**/*.ts', 'package/*.ts', 'vite.config.ts'],
+  ignores: ['src/generated/**', 'package/dist/**'],
   extends: [tseslint.configs.recommendedTypeChecked],
   languageOptions: { parserOptions: { projectService: true } },
   linterOptions: { reportUnusedDisableDirectives: 'error' },

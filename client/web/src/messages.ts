@@ -38,6 +38,7 @@ export type ToEngine =
   | { kind: 'threshold'; pixels: number }
   | { kind: 'edit'; id: number; key: string; operation: string } // sent if there is a connection
   | { kind: 'brush'; brush: Brush }
+  | { kind: 'heights'; number: number; places: Float64Array<ArrayBuffer> } // x and z of each, steps
   | { kind: 'set clock'; set: ClockSet }
   | { kind: 'hurry' } // try to connect now
   | { kind: 'stop' };
@@ -127,6 +128,7 @@ export type FromEngine =
   | { kind: 'members'; members: MemberTold[] } // all the others
   | { kind: 'edit answer'; id: number; number: number; refusal: string } // number 0: refused
   | { kind: 'touched'; number: number; touched?: Touched } // the answer to a brush
+  | { kind: 'heights'; number: number; metres: Float64Array<ArrayBuffer> } // of the mesh; NaN where it has none
   | ({ kind: 'lost' } & Loss)
   | { kind: 'figures'; figures: Figures }
   | { kind: 'ground'; metres: number }; // of the mesh below the newest pose

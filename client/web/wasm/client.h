@@ -8,6 +8,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <deque>
+#include <limits>
 #include <map>
 #include <numbers>
 #include <optional>
@@ -156,6 +157,9 @@ class Client {
     }
     tell(out);
   }
+
+  // Metres, of the mesh; NaN where it has none.
+  double height(lattice::Point at) const { return follower_.scene().height(at).value_or(std::numeric_limits<double>::quiet_NaN()); }
 
   // The painter has taken a change.
   void taken() {

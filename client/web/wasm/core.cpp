@@ -70,6 +70,14 @@ void brush(std::uint32_t number, double x, double z, double y, double dx, double
   const ground::Ray ray{stepsOf(x), stepsOf(z), y, dx, dy, dz, 1e6};
   client.brush(number, ray, radius, {reinterpret_cast<const double*>(given.data()), 2 * corners});
 }
+// Given: x and z of places, as doubles. So many doubles.
+EXPORT(heights) const double* heights(std::size_t places) {
+  static std::vector<double> metres;
+  const auto* const at = reinterpret_cast<const double*>(given.data());
+  metres.clear();
+  for (std::size_t k = 0; k < places; ++k) metres.push_back(client.height({stepsOf(at[2 * k]), stepsOf(at[2 * k + 1])}));
+  return metres.data();
+}
 EXPORT(taken) void taken() { client.taken(); }
 
 }  // namespace ridgecast::page

@@ -36,6 +36,7 @@ interface Functions {
   edit(id: number, key: number, operation: number): void;
   setClock(rate: number, time: number, number: number): void;
   brush(number: number, x: number, z: number, y: number, dx: number, dy: number, dz: number, radius: number, corners: number): void;
+  heights(places: number): number;
   taken(): void;
 }
 
@@ -134,6 +135,11 @@ export class Core {
   brush({ number, from, towards, radius, line }: Brush): void {
     this.give(new Uint8Array(Float64Array.from(line.flatMap(({ x, z }) => [x, z])).buffer));
     this.wasm.brush(number, from.x, from.z, from.y, ...towards, radius, line.length);
+  }
+  /** Metres of the mesh at places, x and z of each in steps; NaN where it has none. */
+  heights(places: Float64Array): Float64Array<ArrayBuffer> {
+    this.give(new Uint8Array(places.buffer, places.byteOffset, places.byteLength));
+    return new Float64Array(this.wasm.memory.buffer, this.wasm.heights(places.length / 2), places.length / 2).slice();
   }
   taken(): void {
     this.wasm.taken();

@@ -65,6 +65,10 @@ export class Engine {
         return this.say((core) => core.edit(message.id, message.key, message.operation));
       case 'brush':
         return this.core ? this.say((core) => core.brush(message.brush)) : this.tell({ kind: 'touched', number: message.brush.number });
+      case 'heights': {
+        const metres = this.core?.heights(message.places) ?? message.places.filter((_, k) => k % 2 === 0).fill(NaN);
+        return this.tell({ kind: 'heights', number: message.number, metres });
+      }
       case 'set clock':
         return this.say((core) => core.setClock(message.set));
       case 'hurry':

@@ -86,7 +86,7 @@ export class Viewer {
     if (!('transferControlToOffscreen' in this.canvas) || typeof OffscreenCanvas === 'undefined')
       return this.fail('This browser is too old', 'The viewer draws in a worker (OffscreenCanvas), which needs Chrome 69, Firefox 105, Safari 17 or newer.');
     const canvas = this.canvas.transferControlToOffscreen(), { port1, port2 } = new MessageChannel();
-    this.engine.send({ kind: 'painter', port: port1 }, [port1]);
+    this.engine.followBy(port1);
     this.painter.send({ kind: 'begin', canvas, engine: port2 }, [canvas, port2]);
     this.resize();
     this.setLook();
@@ -152,8 +152,8 @@ export class Viewer {
     });
     window.addEventListener('hashchange', () => this.follow());
     window.addEventListener('resize', () => this.resize());
-    window.addEventListener('online', () => this.engine.send({ kind: 'hurry' }));
-    window.addEventListener('pagehide', () => this.engine.send({ kind: 'stop' }));
+    window.addEventListener('online', () => this.engine.hurry());
+    window.addEventListener('pagehide', () => this.engine.close());
     window.addEventListener('pageshow', (event) => {
       if (event.persisted) this.connect();
     });
@@ -181,13 +181,13 @@ export class Viewer {
     if (!this.draws) return;
     this.makingSince = this.place.terrain ? performance.now() : 0;
     this.notices.noProblem();
-    this.engine.send({ kind: 'start', url: this.streamUrl(), threshold: this.place.threshold ?? 0, token: this.token, name: this.people.ownName });
+    this.engine.connect(this.streamUrl(), { threshold: this.place.threshold ?? 0, token: this.token, name: this.people.ownName });
   }
 
   /** For good. */
   private fail(title: string, sentence: string): void {
     this.draws = false;
-    this.engine.send({ kind: 'stop' });
+    this.engine.close();
     this.notices.fatal(title, sentence);
   }
 
@@ -426,7 +426,7 @@ export class Viewer {
     if (this.ground === 'known') return;
     this.ground = 'known';
     this.flying.pose = { ...this.flying.pose, y: metres + this.place.altitude };
-    this.engine.look(this.flying.pose, lens(), performance.now()); // frames may be rare while the driver begins
+    this.engine.show(this.flying.pose, lens(), performance.now()); // frames may be rare while the driver begins
   }
 
   // ---- frames ----
@@ -441,7 +441,7 @@ export class Viewer {
     this.showSpeed();
     const { pose } = this.flying;
     this.painter.look(pose, VERTICAL_FOV);
-    this.engine.look(pose, lens(), now);
+    this.engine.show(pose, lens(), now);
     this.saveAddress(pose, now);
     this.members.draw({ pose, ...lens() }, innerWidth, innerHeight);
     this.people.draw(pose);
