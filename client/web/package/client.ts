@@ -39,10 +39,10 @@ export class Client {
   private readonly questions = new Map<number, (metres: Float64Array) => void>();
   private asked = 0;
 
-  /** `on` hears everything, when it is kept. The default worker is the package's own. */
+  /** `on` hears everything, when it is kept. */
   constructor(
-    private readonly on: (message: FromEngine) => void = () => {},
-    private readonly worker = new Worker(new URL('./worker.js', import.meta.url), { type: 'module' }),
+    private readonly on: (message: FromEngine) => void,
+    private readonly worker: Worker,
   ) {
     worker.onmessage = ({ data }: MessageEvent<FromEngine>) => {
       this.keep(data);
