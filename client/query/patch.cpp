@@ -3,6 +3,7 @@
 #include <string>
 #include <utility>
 
+#include "client/core/mesh/mesh_ground.h"
 #include "common/wire/wire.h"
 
 namespace ridgecast::query {
@@ -16,13 +17,10 @@ Outcome<Patch> groundAround(connection::Connection& connection, lattice::Point a
     return Error{"the server did not answer a question for the ground within " + std::to_string(timeout.count()) + " ms"};
   auto ground = answer.get();
   if (!ground) return ground.error();
-  Patch patch;
-  patch.error = ground->error;
-  wire::Iteration iteration;
-  iteration.number = 1;
-  iteration.whole = std::move(ground->leaves);
-  if (const auto applied = patch.scene.apply(iteration); !applied) return applied.error();
-  return patch;
+  const double reached = ground->error;
+  auto scene = core::sceneOf(std::move(*ground));
+  if (!scene) return scene.error();
+  return Patch{std::move(*scene), reached};
 }
 
 }  // namespace ridgecast::query

@@ -17,8 +17,8 @@
 #include <vector>
 
 #include "client/connection/connection.h"
-#include "client/query/ground.h"
 #include "client/core/mesh/mesh_ground.h"
+#include "client/query/ground.h"
 #include "client/query/patch.h"
 #include "common/wire/wire.h"
 #include "server/http/queries.h"

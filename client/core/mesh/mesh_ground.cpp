@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <utility>
 
 namespace ridgecast::core {
 
@@ -76,6 +77,15 @@ std::optional<MeshHit> cast(const Scene& scene, const ground::Ray& ray) {
     }
   }
   return hit;
+}
+
+Outcome<Scene> sceneOf(wire::Ground ground) {
+  wire::Iteration iteration;
+  iteration.number = 1;
+  iteration.whole = std::move(ground.leaves);
+  Scene scene;
+  if (const auto applied = scene.apply(iteration); !applied) return applied.error();
+  return scene;
 }
 
 }  // namespace ridgecast::core

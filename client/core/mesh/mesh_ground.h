@@ -9,6 +9,8 @@
 
 #include "client/core/mesh/scene.h"
 #include "common/ground/ground.h"
+#include "common/outcome/outcome.h"
+#include "common/wire/messages.h"
 
 namespace ridgecast::core {
 
@@ -27,5 +29,8 @@ struct MeshHit {
 std::optional<MeshHeight> heightOf(const core::Scene& scene, lattice::Point at);
 // The first triangle that the ray meets, from above or below. Searches the triangles of all leaves along it: milliseconds.
 std::optional<MeshHit> cast(const core::Scene& scene, const ground::Ray& ray);
+
+// The leaves of a server's answer, as a scene of their own. Error: undecodable.
+Outcome<Scene> sceneOf(wire::Ground ground);
 
 }  // namespace ridgecast::core

@@ -95,6 +95,37 @@ std::vector<std::string> faults(const fs::path& root) {
   return wrong;
 }
 
+// client/core alone reads what a server says, and it has no socket, thread, clock or picture. Lines that break it.
+std::vector<std::string> breachesOfTheCore(const fs::path& root) {
+  static const std::regex reads(R"(\bdecodeServer\(|@bufbuild/protobuf|generated/ridgecast)"),
+      touches(R"(std::(jthread|async|thread|mutex)\b|::now\(\)|<boost/(asio|beast)|epoxy|GLFW|common/transport)");
+  std::vector<std::string> wrong;
+  for (auto at = fs::recursive_directory_iterator(root / "client"); at != fs::recursive_directory_iterator(); ++at) {
+    const fs::path& path = at->path();
+    const std::string name = path.filename().string(), place = fs::relative(path, root).string();
+    if (at->is_directory() && (name == "node_modules" || name == "generated" || name == "dist")) at.disable_recursion_pending();
+    if (path.extension() != ".h" && path.extension() != ".cpp" && path.extension() != ".ts") continue;
+    if (std::regex_search(testing_support::readText(path), place.starts_with("client/core/") ? touches : reads)) wrong.push_back(place);
+  }
+  return wrong;
+}
+
+TEST(Rooms, TheCoreOfTheClientAloneReadsWhatAServerSays) {
+  EXPECT_THAT(breachesOfTheCore(RIDGECAST_SOURCE), IsEmpty());
+  const testing_support::ScratchFolder root;
+  const auto write = [&](const std::string& file, const std::string& text) {
+    fs::create_directories((root / file).parent_path());
+    std::ofstream(root / file) << text;
+  };
+  write("client/core/mesh/good.cpp", "wire::decodeServer(frame);\n");
+  write("client/web/src/good.ts", "import { Core } from './core/core';\n");
+  write("client/core/mesh/bad.cpp", "const auto now = Clock::now();\n");
+  write("client/viewer/bad.cpp", "wire::decodeServer(frame);\n");
+  write("client/web/src/bad.ts", "import { fromBinary } from '@bufbuild/protobuf';\n");
+  EXPECT_THAT(breachesOfTheCore(root / ""),
+              testing::UnorderedElementsAre("client/core/mesh/bad.cpp", "client/viewer/bad.cpp", "client/web/src/bad.ts"));
+}
+
 TEST(Rooms, FormALadder) { EXPECT_THAT(faults(RIDGECAST_SOURCE), IsEmpty()); }
 
 TEST(Rooms, APlantedFaultIsFound) {
