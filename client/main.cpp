@@ -11,11 +11,11 @@
 #include <memory>
 #include <string>
 
-#include "client/connection/connection.h"
 #include "client/evaluation/evaluate.h"
 #include "client/evaluation/fly.h"
 #include "client/evaluation/picture.h"
 #include "client/exit/exit.h"
+#include "client/link/connection.h"
 #include "client/snapshot/snapshot.h"
 #include "client/viewer/viewer.h"
 #include "common/camera/path.h"

@@ -63,7 +63,7 @@ Outcome<camera::Camera> cameraOf(const rc_camera& given) {
 
 std::span<const std::uint8_t> stateOf(const rc_camera& given) { return {given.state, given.state ? given.state_size : 0}; }
 
-void writeIteration(const world::World& world, const replica::Update& update, rc_iteration* out) {
+void writeIteration(const world::World& world, const link::Update& update, rc_iteration* out) {
   if (!out) return;
   const wire::Iteration& iteration = update.iteration;
   write({.number = iteration.number,

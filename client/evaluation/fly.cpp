@@ -14,11 +14,11 @@
 
 #include "client/evaluation/popping.h"
 #include "client/exit/exit.h"
+#include "client/link/client.h"
 #include "client/render/context.h"
 #include "client/render/edit_texture.h"
 #include "client/render/height_texture.h"
 #include "client/render/local_terrain.h"
-#include "client/replica/client.h"
 #include "common/camera/path.h"
 #include "common/edits/edited_terrain.h"
 #include "common/settings/settings.h"
@@ -58,7 +58,7 @@ struct Drawer {
 
 class Measurer final : flight::Observer {
  public:
-  Measurer(const FlyOptions& options, camera::Path path, replica::Client& client, Drawer drawer, Recorder recorder)
+  Measurer(const FlyOptions& options, camera::Path path, link::Client& client, Drawer drawer, Recorder recorder)
       : options_(options),
         client_(client),
         scene_(client.scene()),
@@ -165,7 +165,7 @@ class Measurer final : flight::Observer {
     return view;
   }
 
-  Outcome<void> iterated(const replica::Update& update, double t, double latencyMs) override {
+  Outcome<void> iterated(const link::Update& update, double t, double latencyMs) override {
     const wire::Iteration& i = update.iteration;
     IterationResult result{
         i.number,      i.poseSequence, t,         i.figures,    update.milliseconds, latencyMs, scene_.triangles(), i.whole.size(),
@@ -320,7 +320,7 @@ class Measurer final : flight::Observer {
   bool drawsPictures() const { return options_.pictures && !options_.atRest; }
 
   const FlyOptions& options_;
-  replica::Client& client_;
+  link::Client& client_;
   const core::Scene& scene_;
   std::shared_ptr<const terrain::Terrain> terrain_, edited_;  // edited_: with edits_
   std::shared_ptr<core::HeightWindow> window_;                // of a height map; otherwise null
@@ -364,7 +364,7 @@ int fly(const FlyOptions& options, const std::function<camera::Path(const wire::
   hello.clientName = "ridgecast-client fly";
   hello.settings = options.settings;
   hello.pacing = options.realtime ? wire::Pacing::kFree : wire::Pacing::kLockstep;
-  auto client = replica::Client::open(options.url, hello, {.reconnects = options.realtime});
+  auto client = link::Client::open(options.url, hello, {.reconnects = options.realtime});
   if (!client) return fail(kRuntimeFailure, client.error());
   const wire::World& world = (*client)->world();
   auto drawer = Drawer::create(world, options.remoteShaders);

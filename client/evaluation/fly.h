@@ -8,10 +8,10 @@
 #include <functional>
 #include <optional>
 
-#include "client/connection/connection.h"
 #include "client/evaluation/recorder.h"
 #include "client/evaluation/views.h"
 #include "client/flight/flight.h"
+#include "client/link/connection.h"
 #include "common/camera/path.h"
 #include "common/wire/messages.h"
 

@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "client/connection/connection.h"
+#include "client/link/connection.h"
 #include "common/wire/messages.h"
 
 namespace ridgecast::evaluation {

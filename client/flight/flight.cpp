@@ -19,7 +19,7 @@ double secondsSince(std::chrono::steady_clock::time_point began) {
 
 }  // namespace
 
-Flight::Flight(const Options& options, camera::Path path, replica::Client& client, Ground ground, Observer& observer)
+Flight::Flight(const Options& options, camera::Path path, link::Client& client, Ground ground, Observer& observer)
     : options_(options),
       path_(std::move(path)),
       client_(client),
@@ -50,7 +50,7 @@ Outcome<void> Flight::send(double t) {
   return {};
 }
 
-Outcome<void> Flight::take(const replica::Update& update) {
+Outcome<void> Flight::take(const link::Update& update) {
   const std::uint64_t pose = update.iteration.poseSequence;
   settled_ = update.iteration.settled && !update.wrong ? pose : 0;
   double t = 0, latencyMs = 0;

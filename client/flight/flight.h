@@ -11,7 +11,7 @@
 #include <optional>
 #include <utility>
 
-#include "client/replica/client.h"
+#include "client/link/client.h"
 #include "common/camera/camera.h"
 #include "common/camera/path.h"
 #include "common/lattice/lattice.h"
@@ -23,7 +23,7 @@ namespace ridgecast::flight {
 class Observer {
  public:
   // An iteration was applied. `t`: seconds of path time of its pose; `latencyMs`: from sending the pose to having its message.
-  virtual Outcome<void> iterated(const replica::Update& update, double t, double latencyMs) = 0;
+  virtual Outcome<void> iterated(const link::Update& update, double t, double latencyMs) = 0;
   // The next place on the path was reached, and what came for it applied.
   virtual Outcome<void> reached() = 0;
 
@@ -45,7 +45,7 @@ class Flight {
   using Ground = std::function<Outcome<double>(lattice::Point)>;
 
   // `client` said hello with the pacing that options.realtime asks for. It and `observer` must outlive this.
-  Flight(const Options& options, camera::Path path, replica::Client& client, Ground ground, Observer& observer);
+  Flight(const Options& options, camera::Path path, link::Client& client, Ground ground, Observer& observer);
 
   // All of them return the observer's errors, the ground's, and in lock-step those of a server that is gone or does not answer.
   Outcome<void> place(double t);  // looks from there and sends nothing
@@ -62,13 +62,13 @@ class Flight {
  private:
   using Clock = std::chrono::steady_clock;
   Outcome<void> send(double t);
-  Outcome<void> take(const replica::Update& update);
+  Outcome<void> take(const link::Update& update);
   Outcome<void> step(double t);
   Outcome<void> receiveFor(std::chrono::milliseconds time);
 
   const Options options_;
   const camera::Path path_;
-  replica::Client& client_;
+  link::Client& client_;
   const Ground ground_;
   Observer& observer_;
   const double duration_;

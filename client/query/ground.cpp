@@ -79,7 +79,7 @@ struct Ground::Heard {
   Heard(const wire::World& world, bool keeps) : keepsOperations(keeps), last(world.compacted), hash(world.contentHash) {
     if (last > 0) add(world.session + " " + std::to_string(last));  // these edits are not told
   }
-  void listen(connection::Connection& to) {
+  void listen(link::Connection& to) {
     const std::lock_guard lock(mutex);
     for (wire::MadeEdit& made : to.takeEdits()) {
       if (made.number <= last) continue;  // of an earlier connection
@@ -151,7 +151,7 @@ News Ground::since(std::uint64_t edit) const {
   return news;
 }
 
-Ground::Ground(connection::Connection& connection, std::chrono::milliseconds timeout)
+Ground::Ground(link::Connection& connection, std::chrono::milliseconds timeout)
     : connection_(&connection), timeout_(timeout), contentHash_(connection.world().contentHash) {
   const wire::World& world = connection.world();
   const bool followsEdits = connection.followsEdits();

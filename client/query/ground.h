@@ -15,7 +15,7 @@
 #include <span>
 #include <vector>
 
-#include "client/connection/connection.h"
+#include "client/link/connection.h"
 #include "common/ground/ground.h"
 #include "common/lattice/lattice.h"
 #include "common/outcome/outcome.h"
@@ -51,7 +51,7 @@ class Ground {
   enum class Source { kLocal, kServer };
 
   // `connection` must outlive this where the source is the server. `timeout`: of one call.
-  explicit Ground(connection::Connection& connection, std::chrono::milliseconds timeout = std::chrono::seconds(10));
+  explicit Ground(link::Connection& connection, std::chrono::milliseconds timeout = std::chrono::seconds(10));
 
   // Of a terrain held here.
   explicit Ground(std::shared_ptr<const terrain::Terrain> terrain)
@@ -96,7 +96,7 @@ class Ground {
   Outcome<void> ask(std::size_t count, std::size_t each, std::span<Number> out, std::size_t numbers, const Make& make,
                     const Take& take) const;
 
-  connection::Connection* const connection_ = nullptr;  // null: of a terrain held here
+  link::Connection* const connection_ = nullptr;  // null: of a terrain held here
   const std::chrono::milliseconds timeout_;
   const std::uint64_t contentHash_;
   std::shared_ptr<const terrain::Terrain> local_;  // without edits; null: ask the server

@@ -8,7 +8,7 @@
 
 namespace ridgecast::query {
 
-Outcome<Patch> groundAround(connection::Connection& connection, lattice::Point at, double radius, double error,
+Outcome<Patch> groundAround(link::Connection& connection, lattice::Point at, double radius, double error,
                             std::chrono::milliseconds timeout) {
   const wire::AskGround question{0, at, radius, error};
   if (std::string refusal = wire::refusalOf(question); !refusal.empty()) return Error{std::move(refusal)};

@@ -2,8 +2,8 @@
 
 #include <chrono>
 
-#include "client/connection/connection.h"
 #include "client/core/mesh/scene.h"
+#include "client/link/connection.h"
 #include "common/lattice/lattice.h"
 #include "common/outcome/outcome.h"
 
@@ -16,7 +16,7 @@ struct Patch {
   core::Scene scene;
   double error = 0;
 };
-Outcome<Patch> groundAround(connection::Connection& connection, lattice::Point at, double radius, double error,
+Outcome<Patch> groundAround(link::Connection& connection, lattice::Point at, double radius, double error,
                             std::chrono::milliseconds timeout = std::chrono::seconds(40));
 
 }  // namespace ridgecast::query

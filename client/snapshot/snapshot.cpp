@@ -5,8 +5,8 @@
 #include <charconv>
 #include <cstdio>
 
-#include "client/connection/download.h"
 #include "client/exit/exit.h"
+#include "client/link/download.h"
 
 namespace ridgecast::snapshot {
 
@@ -21,7 +21,7 @@ std::string number(double v) {
 // Progress: on a terminal one line that changes, in a file a line for each stage.
 class Teller {
  public:
-  void operator()(const connection::Progress& p) {
+  void operator()(const link::Progress& p) {
     const double mega = 1e-6, seconds = static_cast<double>(p.waited.count()) / 1000;
     const bool arrives = p.total > 0;
     if (isatty(STDERR_FILENO)) {
@@ -138,8 +138,8 @@ int becomeServer(const SnapshotOptions& options) {
 int snapshot(const SnapshotOptions& options) {
   if (options.offline) return becomeServer(options);
   Teller teller;
-  const auto made = connection::download(options.url, target(options), options.out,
-                                         std::chrono::milliseconds(static_cast<std::int64_t>(options.timeout * 1000)), std::ref(teller));
+  const auto made = link::download(options.url, target(options), options.out,
+                                   std::chrono::milliseconds(static_cast<std::int64_t>(options.timeout * 1000)), std::ref(teller));
   teller.end();
   if (!made) return fail(kRuntimeFailure, made.error());
   std::printf("%s: %llu bytes\n", options.out.c_str(), static_cast<unsigned long long>(*made));

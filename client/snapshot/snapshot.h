@@ -9,7 +9,7 @@
 #include <string>
 #include <vector>
 
-#include "client/connection/connection.h"
+#include "client/link/connection.h"
 
 namespace ridgecast::snapshot {
 

@@ -35,7 +35,7 @@ lattice::Step along(lattice::Step from, double by) { return from + std::llround(
 
 }  // namespace
 
-Editor::Editor(replica::Client& client, const core::Url& url, ViewerState& state)
+Editor::Editor(link::Client& client, const core::Url& url, ViewerState& state)
     : client_(client),
       url_(url),
       state_(state),
@@ -56,9 +56,8 @@ void Editor::toggle() {
   if (client_.world().revision < 4) return say("This server is too old for edits of the ground.");
   if (url_.token.empty()) return begin();
   // An undo of nothing: refused to all, and to those without the right because of that.
-  right_ =
-      std::async(std::launch::async, [url = url_, target = "/v1/sessions/" + client_.world().session + "/edits/0",
-                                      stop = stop_.get_token()] { return connection::request(url, "DELETE", target, kTimeout, stop); });
+  right_ = std::async(std::launch::async, [url = url_, target = "/v1/sessions/" + client_.world().session + "/edits/0",
+                                           stop = stop_.get_token()] { return link::request(url, "DELETE", target, kTimeout, stop); });
 }
 
 void Editor::begin() {
@@ -121,7 +120,7 @@ void Editor::grant(const EditRequests& requests, const camera::Camera& camera) {
 }
 
 void Editor::send(const wire::Edit& edit) {
-  connection::Connection& connection = client_.connection();
+  link::Connection& connection = client_.connection();
   sent_.push_back({edit.id, connection.reconnections(), connection.edit(edit)});
 }
 

@@ -11,8 +11,8 @@
 #include <utility>
 #include <vector>
 
-#include "client/connection/download.h"
-#include "client/replica/client.h"
+#include "client/link/client.h"
+#include "client/link/download.h"
 #include "client/viewer/editing.h"
 #include "client/viewer/panel.h"
 #include "client/viewer/viewer_state.h"
@@ -24,7 +24,7 @@ class Editor {
   // A place in the window, in shares of its width and height from the top left.
   using Pointer = std::pair<double, double>;
 
-  Editor(replica::Client& client, const core::Url& url, ViewerState& state);
+  Editor(link::Client& client, const core::Url& url, ViewerState& state);
   ~Editor();  // gives up what it asks the server for
   Editor(const Editor&) = delete;
 
@@ -55,14 +55,14 @@ class Editor {
   std::optional<lattice::Vertex> groundBelow(const camera::Camera& camera, Pointer at) const;
   void lay(const camera::Camera& camera, const std::optional<lattice::Vertex>& at);
 
-  replica::Client& client_;
+  link::Client& client_;
   const core::Url url_;
   ViewerState& state_;
   Editing editing_;
   std::stop_source stop_;
-  std::future<Outcome<connection::HttpAnswer>> right_;  // while it is asked for
-  std::vector<Sent> sent_;                              // at most Editing::kMostOpen of each of its times
-  std::uint64_t connection_ = 0;                        // reconnections() that editing_ knows of
+  std::future<Outcome<link::HttpAnswer>> right_;  // while it is asked for
+  std::vector<Sent> sent_;                        // at most Editing::kMostOpen of each of its times
+  std::uint64_t connection_ = 0;                  // reconnections() that editing_ knows of
   using Laid = std::tuple<camera::Camera, Pointer, lattice::Step, Tool, std::size_t, std::uint64_t>;
   std::optional<Laid> laid_;  // what the brush in the state was made for
 };

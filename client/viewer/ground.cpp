@@ -8,7 +8,7 @@
 
 namespace ridgecast::viewer {
 
-Ground::Ground(const render::Drawing& drawing, replica::Client& client) : client_(client), edits_(client.world().horizon) { know(drawing); }
+Ground::Ground(const render::Drawing& drawing, link::Client& client) : client_(client), edits_(client.world().horizon) { know(drawing); }
 
 void Ground::know(const render::Drawing& drawing) {
   terrain_ = edited_ = drawing.terrain;

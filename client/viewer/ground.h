@@ -4,17 +4,17 @@
 
 #include <optional>
 
+#include "client/link/client.h"
 #include "client/render/edit_texture.h"
 #include "client/render/height_texture.h"
 #include "client/render/local_terrain.h"
 #include "client/render/renderer.h"
-#include "client/replica/client.h"
 
 namespace ridgecast::viewer {
 
 class Ground {
  public:
-  Ground(const render::Drawing& drawing, replica::Client& client);
+  Ground(const render::Drawing& drawing, link::Client& client);
   // The terrain, which was not known so far. A height map's tiles are then fetched by follow().
   void know(const render::Drawing& drawing);
   bool hasFunction() const { return terrain_ != nullptr; }
@@ -26,7 +26,7 @@ class Ground {
   render::View view(const camera::Camera& camera);
 
  private:
-  replica::Client& client_;
+  link::Client& client_;
   bool followEdits(lattice::Point camera);
 
   std::shared_ptr<const terrain::Terrain> terrain_;  // null: not known here

@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "client/connection/connection.h"
+#include "client/link/connection.h"
 #include "client/viewer/viewer_state.h"
 #include "common/lattice/lattice.h"
 #include "common/outcome/outcome.h"

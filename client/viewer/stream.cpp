@@ -23,19 +23,18 @@ using Clock = std::chrono::steady_clock;
 
 }  // namespace
 
-Outcome<Link> Link::open(const core::Url& url, const wire::Settings& settings, const std::string& name,
-                         const connection::Waiting& waiting) {
+Outcome<Link> Link::open(const core::Url& url, const wire::Settings& settings, const std::string& name, const link::Waiting& waiting) {
   wire::Hello hello;
   hello.clientName = name;
   hello.settings = settings;
   hello.members = hello.clock = true;
-  auto client = replica::Client::open(url, hello, {.waiting = waiting});
+  auto client = link::Client::open(url, hello, {.waiting = waiting});
   if (!client) return client.error();
   return Link{url, settings, std::move(*client)};
 }
 
 Arrival::Arrival(const core::Url& url, const wire::Settings& settings, const std::string& name) : where_(url.host + ":" + url.port) {
-  connection::Waiting waiting;
+  link::Waiting waiting;
   waiting.preparing = [this] { prepares_ = true; };
   waiting.stop = stop_.get_token();
   link_ = std::async(std::launch::async, [url, settings, name, waiting] { return Link::open(url, settings, name, waiting); });
@@ -84,7 +83,7 @@ void Stream::exchange(const camera::Camera& camera) {
 }
 
 void Stream::watchConnection() {
-  const connection::Connection& connection = client().connection();
+  const link::Connection& connection = client().connection();
   otherWorld_ = connection.otherWorld();
   const bool isAnother = std::exchange(reconnections_, connection.reconnections()) != connection.reconnections();
   const auto why = otherWorld_ ? std::nullopt : connection.error();
@@ -119,7 +118,7 @@ void Stream::watchConnection() {
 
 // No step waits for more than the answer to it; what the server says about the clock is shown.
 void Stream::followClock() {
-  connection::Connection& connection = client().connection();
+  link::Connection& connection = client().connection();
   const bool isNew = connection.waitForClock(clockSeen_, 0ms);
   if (!isNew && (!state_.clock.on || !state_.clock.runs)) return;
   const core::SessionClock clock = connection.clock();
@@ -159,7 +158,7 @@ void Stream::setClock(const wire::SetClock& set) {
   if (lost_ || !state_.clock.known) return state_.tell("no connection to a server with a clock");
   if (set.time != 0 && !state_.clock.jumps) return state_.tell("this server is too old to set its clock to a time");
   if (!state_.clock.driver.empty()) return state_.tell(state_.clock.driver + " owns the clock");
-  connection::Connection& connection = client().connection();
+  link::Connection& connection = client().connection();
   connection.setClock(set);
   connection.setClock({.own = false});
   // So that the next key, which may be pressed before the server answers, goes on from there.
@@ -168,7 +167,7 @@ void Stream::setClock(const wire::SetClock& set) {
   if (set.time != 0) state_.clock.time = set.time;
 }
 
-void Stream::accept(const replica::Update& update) {
+void Stream::accept(const link::Update& update) {
   const wire::Iteration& iteration = update.iteration;
   if (update.wrong) std::fprintf(stderr, "warning: %s; requesting leaves again\n", update.wrong->message.c_str());
   ages_.update(client().scene().leaves(), nowInSeconds());

@@ -12,7 +12,7 @@
 #include <string>
 #include <vector>
 
-#include "client/replica/client.h"
+#include "client/link/client.h"
 #include "client/viewer/leaf_colours.h"
 #include "client/viewer/viewer_state.h"
 
@@ -22,11 +22,11 @@ namespace ridgecast::viewer {
 struct Link {
   core::Url url;
   wire::Settings settings;
-  std::unique_ptr<replica::Client> client;
+  std::unique_ptr<link::Client> client;
 
   // `name`: what the others see.
   static Outcome<Link> open(const core::Url& url, const wire::Settings& settings, const std::string& name,
-                            const connection::Waiting& waiting = {});
+                            const link::Waiting& waiting = {});
 };
 
 // A connection being opened while the window stays responsive: the server may first have to compile the terrain. Main thread only.
@@ -56,7 +56,7 @@ class Stream {
   using Candidates = std::shared_ptr<const std::vector<wire::Candidate>>;
 
   Stream(Link link, ViewerState& state);
-  replica::Client& client() const { return *link_.client; }
+  link::Client& client() const { return *link_.client; }
   const core::Url& url() const { return link_.url; }
   bool lost() const { return lost_; }
   std::uint64_t sceneVersion() const { return sceneVersion_; }  // tells scenes apart
@@ -85,7 +85,7 @@ class Stream {
 
  private:
   void watchConnection();
-  void accept(const replica::Update& update);
+  void accept(const link::Update& update);
   void sendPose(const camera::Camera& camera);
   void followClock();
   void showClock(const core::SessionClock& clock);

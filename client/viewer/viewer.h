@@ -5,7 +5,7 @@
 #include <optional>
 #include <string>
 
-#include "client/connection/connection.h"
+#include "client/link/connection.h"
 #include "common/camera/path.h"
 #include "common/wire/messages.h"
 

@@ -4,7 +4,7 @@
 #include <nlohmann/json.hpp>
 #include <utility>
 
-#include "client/connection/download.h"
+#include "client/link/download.h"
 #include "common/wire/wire.h"
 
 namespace ridgecast::viewer {
@@ -54,9 +54,9 @@ Outcome<Worlds> worldsFrom(std::string_view sessions, std::string_view terrains)
 
 WorldsQuestion::WorldsQuestion(const core::Url& url)
     : answer_(std::async(std::launch::async, [url, stop = stop_.get_token()]() -> Outcome<Worlds> {
-        const auto sessions = connection::fetch(url, "/v1/sessions", kMostBytes, kTimeout, stop);
+        const auto sessions = link::fetch(url, "/v1/sessions", kMostBytes, kTimeout, stop);
         if (!sessions) return sessions.error();
-        const auto terrains = connection::fetch(url, "/v1/terrains", kMostBytes, kTimeout, stop);
+        const auto terrains = link::fetch(url, "/v1/terrains", kMostBytes, kTimeout, stop);
         if (!terrains) return terrains.error();
         return worldsFrom(*sessions, *terrains);
       })) {}

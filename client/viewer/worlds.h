@@ -9,7 +9,7 @@
 #include <string_view>
 #include <vector>
 
-#include "client/connection/connection.h"
+#include "client/link/connection.h"
 #include "common/outcome/outcome.h"
 
 namespace ridgecast::viewer {

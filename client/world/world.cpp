@@ -22,7 +22,7 @@ std::chrono::milliseconds left(Clock::time_point until) {
 
 }  // namespace
 
-World::World(std::unique_ptr<replica::Client> client, const Options& options)
+World::World(std::unique_ptr<link::Client> client, const Options& options)
     : client_(std::move(client)),
       info_(client_->world()),
       timeout_(options.timeout),
@@ -44,7 +44,7 @@ Result<std::unique_ptr<World>> World::join(std::string_view url, const Options& 
                           .clock = true,
                           .errors = true,
                           .edits = true};
-  auto client = replica::Client::open(*parsed, hello, {.reconnects = options.reconnects, .timeout = options.timeout});
+  auto client = link::Client::open(*parsed, hello, {.reconnects = options.reconnects, .timeout = options.timeout});
   if (!client) return Failure{Fault::kRefused, client.error().message};
   return std::unique_ptr<World>(new World(std::move(*client), options));
 }
@@ -56,7 +56,7 @@ Failure World::failure(const Error& error, Instant until) const {
 }
 
 Result<void> World::connected(Instant until) {
-  const connection::Connection& connection = client_->connection();
+  const link::Connection& connection = client_->connection();
   while (const auto why = connection.error()) {
     client_->receive(std::min(left(until), kLook));  // goes on with another conversation
     if (!connection.error()) break;
@@ -293,14 +293,14 @@ Result<std::uint64_t> World::send(const camera::Camera& camera, std::span<const 
   return client_->send(camera, {state.begin(), state.end()});
 }
 
-Result<replica::Update> World::receive(Milliseconds timeout) {
+Result<link::Update> World::receive(Milliseconds timeout) {
   const auto until = Clock::now() + timeout;
   if (auto update = client_->receive(timeout)) return std::move(*update);
   if (auto there = connected(until); !there) return there.error();
   return Failure{Fault::kTimeout, "no iteration came in time: the server is busy, or nothing changed"};
 }
 
-Result<replica::Update> World::fly(const camera::Camera& camera, Milliseconds timeout, std::span<const std::uint8_t> state) {
+Result<link::Update> World::fly(const camera::Camera& camera, Milliseconds timeout, std::span<const std::uint8_t> state) {
   const auto sent = send(camera, state);
   if (!sent) return sent.error();
   for (const auto until = Clock::now() + timeout;;) {

@@ -29,8 +29,8 @@
 
 #include "client/core/conversation/roster.h"
 #include "client/core/conversation/session_clock.h"
+#include "client/link/client.h"
 #include "client/query/ground.h"
-#include "client/replica/client.h"
 #include "client/world/mesh.h"
 #include "common/camera/camera.h"
 #include "common/ground/ground.h"
@@ -113,17 +113,17 @@ class World {
   std::vector<core::Other> others();
 
   // Sends a pose and returns its iteration, or a later one: then the mesh held is the server's.
-  Result<replica::Update> fly(const camera::Camera& camera, Milliseconds timeout, std::span<const std::uint8_t> state = {});
+  Result<link::Update> fly(const camera::Camera& camera, Milliseconds timeout, std::span<const std::uint8_t> state = {});
   // The two halves: send() never waits. receive(): kTimeout: no iteration came.
   // `state`: what the others hear of this member, at most wire::kMaxStateBytes. Returns the pose's sequence.
   Result<std::uint64_t> send(const camera::Camera& camera, std::span<const std::uint8_t> state = {});
-  Result<replica::Update> receive(Milliseconds timeout);
+  Result<link::Update> receive(Milliseconds timeout);
   const core::Scene& scene() const { return client_->scene(); }
   std::uint64_t reconnections() const { return client_->connection().reconnections(); }
 
  private:
   using Instant = std::chrono::steady_clock::time_point;
-  World(std::unique_ptr<replica::Client> client, const Options& options);
+  World(std::unique_ptr<link::Client> client, const Options& options);
   Result<void> connected(Instant until);
   Failure failure(const Error& error, Instant until) const;
   template <class Ask>
@@ -134,7 +134,7 @@ class World {
   Result<void> takeClock(const wire::SetClock& set, Instant until, const Done& done);
   Failure waitedFor() const;
 
-  const std::unique_ptr<replica::Client> client_;
+  const std::unique_ptr<link::Client> client_;
   const wire::World info_;
   const Milliseconds timeout_;
   const bool follows_;

@@ -16,8 +16,8 @@
 #include <stdexcept>
 #include <thread>
 
-#include "client/connection/connection.h"
 #include "client/core/mesh/follower.h"
+#include "client/link/connection.h"
 #include "common/camera/path.h"
 #include "common/terrain/terrain.h"
 #include "tests/bench/bench.h"
@@ -140,7 +140,7 @@ class Stream {
     hello.clientName = "bench";
     hello.points = door.name == "stream";
     hello.settings.threshold = door.detail;
-    auto opened = connection::Connection::open(core::parseUrl(url).value(), hello, {.reconnects = false});
+    auto opened = link::Connection::open(core::parseUrl(url).value(), hello, {.reconnects = false});
     if (!opened) throw std::runtime_error(opened.error().message);
     connection_ = std::move(*opened);
     follower_.follow({hello.points, false, connection_->world().settings.triangleBudget});
@@ -170,7 +170,7 @@ class Stream {
 
  private:
   core::Follower follower_;
-  std::unique_ptr<connection::Connection> connection_;
+  std::unique_ptr<link::Connection> connection_;
   std::uint64_t sequence_ = 0;
   bool settled_ = false;
 };

@@ -13,7 +13,7 @@
 #include <thread>
 #include <vector>
 
-#include "client/connection/connection.h"
+#include "client/link/connection.h"
 #include "client/query/ground.h"
 #include "common/edits/edited_terrain.h"
 #include "common/edits/history.h"
@@ -155,14 +155,14 @@ TEST(DurableSession, KnowsKeysAndAuthorsAgain) {
   const auto join = [](const ServerProcess& server, const std::string& name) {
     wire::Hello hello;
     hello.clientName = name;
-    return connection::Connection::open({"127.0.0.1", std::to_string(server.port()), "default"}, hello,
-                                        {.reconnects = false, .timeout = testing_support::kTimeout})
+    return link::Connection::open({"127.0.0.1", std::to_string(server.port()), "default"}, hello,
+                                  {.reconnects = false, .timeout = testing_support::kTimeout})
         .value();
   };
   for (int round = 0; round < 2; ++round) {
     ServerProcess server(RIDGECAST_SERVER, arguments);
     const auto ann = join(server, "ann"), liar = join(server, "address 127.0.0.1");
-    const auto edit = [](connection::Connection& by, const std::string& operation) { return by.edit({0, "k", operation}).get(); };
+    const auto edit = [](link::Connection& by, const std::string& operation) { return by.edit({0, "k", operation}).get(); };
     EXPECT_EQ(edit(*ann, road).value().number, 1u);
     EXPECT_EQ(edit(*liar, crater(0)).value().number, 2u);
     EXPECT_EQ(bodyOf(post(server.port(), "default", crater(100), "k"))["number"], 3);
@@ -192,8 +192,8 @@ TEST(DurableSession, CompactedEditsAreInTheAnswersOfThoseWhoComeLater) {
   ServerProcess server(RIDGECAST_SERVER, arguments);
   wire::Hello hello;
   hello.edits = true;
-  const auto member = connection::Connection::open({"127.0.0.1", std::to_string(server.port()), "default"}, hello,
-                                                   {.reconnects = false, .timeout = testing_support::kTimeout});
+  const auto member = link::Connection::open({"127.0.0.1", std::to_string(server.port()), "default"}, hello,
+                                             {.reconnects = false, .timeout = testing_support::kTimeout});
   ASSERT_TRUE(member);
   const query::Ground ground(**member, testing_support::kTimeout);
   EXPECT_EQ(ground.source(), query::Ground::Source::kServer) << "the edits are not told, so the ground cannot be computed here";

@@ -19,7 +19,7 @@
 #include <thread>
 #include <vector>
 
-#include "client/connection/connection.h"
+#include "client/link/connection.h"
 #include "common/wire/wire.h"
 #include "tests/support/process.h"
 #include "tests/support/sanitized.h"
@@ -147,7 +147,7 @@ TEST(Handover, NothingIsLostOrMadeTwiceWhoeverIsKilled) {
       core::Url url{"127.0.0.1", std::to_string(servers.port(random() % 2)), "default"};
       wire::Hello hello;
       hello.clientName = "member";
-      const auto opened = connection::Connection::open(url, hello, {.reconnects = false, .timeout = kTimeout});
+      const auto opened = link::Connection::open(url, hello, {.reconnects = false, .timeout = kTimeout});
       if (!opened) {
         std::this_thread::sleep_for(10ms);
         continue;

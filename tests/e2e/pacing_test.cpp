@@ -98,9 +98,9 @@ TEST(FreePacing, NothingIsSentBeyondTheWindowWithoutAnAcknowledgement) {
   wire::Hello hello;
   hello.settings = coarse();
   const auto url = core::parseUrl(server.url());
-  auto connected = connection::Connection::open(*url, hello, {.reconnects = false, .timeout = kTimeout});
+  auto connected = link::Connection::open(*url, hello, {.reconnects = false, .timeout = kTimeout});
   ASSERT_TRUE(connected) << connected.error().message;
-  connection::Connection& c = **connected;
+  link::Connection& c = **connected;
   const PathCamera path(RIDGECAST_PATHS "/alpine.json", c.world());
   std::vector<wire::Iteration> got;
   for (int k = 1; k <= 20; ++k) {

@@ -21,7 +21,7 @@
 #include <utility>
 #include <vector>
 
-#include "client/connection/connection.h"
+#include "client/link/connection.h"
 #include "client/world/world.h"
 #include "tests/support/flier.h"
 #include "tests/support/process.h"
@@ -217,7 +217,7 @@ TEST_F(RecordingEndToEnd, OnlookersSeeItsMembersAndItsGround) {
   wire::Hello hello;
   hello.members = hello.clock = hello.edits = true;
   const auto url = core::parseUrl("127.0.0.1:" + std::to_string(std::stoul(readText(portFile)))).value();
-  auto onlooker = connection::Connection::open(url, hello, {.reconnects = false, .timeout = kTimeout}).value();
+  auto onlooker = link::Connection::open(url, hello, {.reconnects = false, .timeout = kTimeout}).value();
   EXPECT_GT(onlooker->world().camera, 1u);
   const auto member = [&]() -> std::optional<wire::Member> {
     const auto roster = onlooker->others();
@@ -244,7 +244,7 @@ TEST_F(RecordingEndToEnd, OnlookersSeeItsMembersAndItsGround) {
   onlooker->setClock({true, wire::ClockMode::kStepped, 0, 1});
   ASSERT_TRUE(await([&] { return onlooker->error().has_value(); }));
   EXPECT_THAT(onlooker->error()->message, HasSubstr("The session begins again"));
-  onlooker = connection::Connection::open(url, hello, {.reconnects = false, .timeout = kTimeout}).value();
+  onlooker = link::Connection::open(url, hello, {.reconnects = false, .timeout = kTimeout}).value();
   ASSERT_TRUE(onlooker->waitForClock(0, kTimeout));
   EXPECT_EQ(onlooker->clock().said().time, 1u);
   EXPECT_EQ(onlooker->clock().said().end, over.end);
@@ -284,7 +284,7 @@ TEST_F(RecordingEndToEnd, ListensOnceTheRecordingIsRead) {
   wire::Hello hello;
   hello.clock = true;
   const auto url = core::parseUrl("127.0.0.1:" + std::to_string(std::stoul(readText(portFile)))).value();
-  const auto onlooker = connection::Connection::open(url, hello, {.reconnects = false, .timeout = kTimeout}).value();
+  const auto onlooker = link::Connection::open(url, hello, {.reconnects = false, .timeout = kTimeout}).value();
   EXPECT_EQ(onlooker->world().camera, 2u);
   ASSERT_TRUE(onlooker->waitForClock(0, kTimeout));
   EXPECT_GT(onlooker->clock().said().end, 0u);

@@ -12,7 +12,7 @@
 #include <thread>
 #include <vector>
 
-#include "client/replica/client.h"
+#include "client/link/client.h"
 #include "tests/support/process.h"
 #include "tests/support/relay.h"
 #include "tests/support/server_process.h"
@@ -116,13 +116,13 @@ TEST(Resume, AServerWithoutTheEditsThatAClientKnowsHasAnotherWorld) {
     const std::uint16_t port = server->port();
     wire::Hello hello;
     hello.settings = coarse();
-    const auto client = replica::Client::open(core::parseUrl(server->url()).value(), hello).value();
+    const auto client = link::Client::open(core::parseUrl(server->url()).value(), hello).value();
     const auto edit = client->connection().edit({0, "", R"({"op":"crater","x":40,"z":60,"radius":20,"depth":5})"}).get();
     ASSERT_TRUE(edit) << edit.error().message;
     server->process().signal(SIGKILL);
     server->process().wait(kTimeout);
     server = std::make_unique<ServerProcess>(RIDGECAST_SERVER, options, port);
-    const connection::Connection& connection = client->connection();
+    const link::Connection& connection = client->connection();
     EXPECT_TRUE(await([&] {
       client->connection().change({.threshold = 5});  // while it is lost, and while it comes back
       client->receive(5ms);

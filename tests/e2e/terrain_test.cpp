@@ -11,9 +11,9 @@
 #include <vector>
 
 #include "client/core/ground/height_window.h"
+#include "client/link/client.h"
 #include "client/render/context.h"
 #include "client/render/picture.h"
-#include "client/replica/client.h"
 #include "common/user_terrain/raster_terrain.h"
 #include "tests/support/geo_tiff.h"
 #include "tests/support/process.h"
@@ -124,7 +124,7 @@ TEST_F(TerrainFlight, DetailOnAMapIsTheSameGroundOnEverySide) {
   terrain->heights(x, z, own);
   EXPECT_EQ(told, own);
   // Of the tiles that a client gets, for the march.
-  const auto client = replica::Client::open(core::parseUrl(server.url()).value(), {}).value();
+  const auto client = link::Client::open(core::parseUrl(server.url()).value(), {}).value();
   const wire::World world = client->world();
   ASSERT_TRUE(world.heightMap);
   EXPECT_EQ(world.heightMap->x.pitch, terrain::pitchOf(800));

@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "client/connection/connection.h"
+#include "client/link/connection.h"
 #include "tests/e2e/window.h"
 #include "tests/support/flier.h"
 #include "tests/support/server_process.h"
@@ -28,7 +28,7 @@ class WindowClock : public WindowTest {
   void join(const std::string& url) {
     wire::Hello hello;
     hello.clock = true;
-    onlooker_ = connection::Connection::open(core::parseUrl(url).value(), hello, {.reconnects = false, .timeout = kTimeout}).value();
+    onlooker_ = link::Connection::open(core::parseUrl(url).value(), hello, {.reconnects = false, .timeout = kTimeout}).value();
   }
   // The clock as another member sees it, once nobody has it and it is as wanted.
   bool hears(const auto& wanted) {
@@ -42,7 +42,7 @@ class WindowClock : public WindowTest {
                 static_cast<unsigned long long>(said.time), static_cast<unsigned long long>(said.owner));
     return false;
   }
-  std::unique_ptr<connection::Connection> onlooker_;
+  std::unique_ptr<link::Connection> onlooker_;
 };
 
 TEST_F(WindowClock, KeysDriveItWhileItIsShown) {

@@ -14,7 +14,7 @@
 #include <string>
 #include <utility>
 
-#include "client/connection/connection.h"
+#include "client/link/connection.h"
 #include "common/terrain/terrain.h"
 #include "tests/e2e/window.h"
 #include "tests/support/flier.h"
@@ -291,7 +291,7 @@ TEST_F(Window, WhatTheServerSaysAboutTheClockIsShown) {
   std::this_thread::sleep_for(3s);          // the window's own sentence about the last of them is gone after 2
   wire::Hello hello;
   hello.clock = true;
-  auto owner = connection::Connection::open(core::parseUrl(server.url()).value(), hello).value();
+  auto owner = link::Connection::open(core::parseUrl(server.url()).value(), hello).value();
   const auto heard = [&](const auto& wanted) {
     return await([&] { return owner->waitForClock(owner->clock().version(), 100ms), wanted(owner->clock().said()); }, 300s);
   };

@@ -16,7 +16,7 @@
 #include <string>
 #include <vector>
 
-#include "client/replica/client.h"
+#include "client/link/client.h"
 #include "common/terrain/terrain.h"
 #include "tests/support/flier.h"
 #include "tests/support/process.h"
@@ -369,7 +369,7 @@ TEST(WorldsWatched, GoOnWithTheGroundThatWasSaved) {
   wire::Hello hello;
   hello.settings = settings;
   hello.members = true;
-  const auto member = replica::Client::open(core::parseUrl(server.url()).value(), hello).value();
+  const auto member = link::Client::open(core::parseUrl(server.url()).value(), hello).value();
   save("mine.glsl", "heigth");
   ASSERT_TRUE(await([&] { return server.process().output().find("'heigth'") != std::string::npos; }, std::chrono::seconds(60)));
   EXPECT_THAT(server.process().output(),

@@ -9,7 +9,7 @@
 #include <string>
 #include <vector>
 
-#include "client/connection/connection.h"
+#include "client/link/connection.h"
 #include "common/wire/wire.h"
 #include "server/access/jwt.h"
 #include "server/access/tokens.h"
@@ -87,12 +87,12 @@ class AccessTest : public testing::Test {
     return client.answer();
   }
   double refusals(metrics::Refusal reason) const { return resources->figures->refusals[static_cast<std::size_t>(reason)]->Value(); }
-  Outcome<std::unique_ptr<connection::Connection>> connect(const std::string& address, const std::string& ca,
-                                                           const std::string& token = "") const {
+  Outcome<std::unique_ptr<link::Connection>> connect(const std::string& address, const std::string& ca,
+                                                     const std::string& token = "") const {
     auto url = core::parseUrl(address).value();
     url.ca = ca;
     url.token = token;
-    return connection::Connection::open(url, wire::Hello{}, {.reconnects = false, .timeout = testing_support::kTimeout});
+    return link::Connection::open(url, wire::Hello{}, {.reconnects = false, .timeout = testing_support::kTimeout});
   }
 
   testing_support::ScratchFolder folder;

@@ -11,7 +11,7 @@
 #include <thread>
 #include <vector>
 
-#include "client/connection/connection.h"
+#include "client/link/connection.h"
 #include "common/wire/wire.h"
 #include "server/access/crypto.h"
 #include "server/access/jwt.h"
@@ -181,7 +181,7 @@ TEST_F(AccessTest, TheClockTakesARight) {
   settings.tokens.secrets = {file("secret", kSecret)};
   start();
   for (const int kind : {0, 1, 2}) {
-    const auto say = [&](connection::Connection& c) {
+    const auto say = [&](link::Connection& c) {
       if (kind == 0) c.setClock({true, wire::ClockMode::kStepped, 0});
       if (kind == 1) c.step({1, false});
       if (kind == 2) c.passOver(1);

@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "client/connection/connection.h"
+#include "client/link/connection.h"
 #include "server/http/edits.h"
 #include "tests/integration/access_fixture.h"
 #include "tests/integration/edits_fixture.h"
@@ -17,7 +17,7 @@
 namespace ridgecast {
 namespace {
 
-using connection::Connection;
+using link::Connection;
 using testing::HasSubstr;
 
 // More than a client may owe: whatever is charged after it is refused.

@@ -11,8 +11,8 @@
 #include <utility>
 #include <vector>
 
-#include "client/connection/connection.h"
 #include "client/core/mesh/follower.h"
+#include "client/link/connection.h"
 #include "common/edits/json.h"
 #include "server/http/edits.h"
 #include "server/http/map_tiles.h"
@@ -25,7 +25,7 @@
 namespace ridgecast {
 
 using namespace std::chrono_literals;
-using connection::Connection;
+using link::Connection;
 using Time = std::chrono::steady_clock;
 using testing_support::kTimeout;
 

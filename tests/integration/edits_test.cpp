@@ -13,8 +13,8 @@
 #include <thread>
 #include <vector>
 
+#include "client/link/client.h"
 #include "client/query/ground.h"
-#include "client/replica/client.h"
 #include "common/edits/edited_terrain.h"
 #include "common/edits/history.h"
 #include "common/edits/json.h"
@@ -67,7 +67,7 @@ TEST_F(EditsTest, AreNumberedAndInEverybodysGround) {
 // Whoever draws asks for the posts alone, and has the server's ground.
 TEST_F(EditsTest, PostsThatAreFetchedGiveTheServersGround) {
   Member editor(port(), "ann");
-  const auto client = replica::Client::open({"127.0.0.1", std::to_string(port()), "default"}, wire::Hello{});
+  const auto client = link::Client::open({"127.0.0.1", std::to_string(port()), "default"}, wire::Hello{});
   ASSERT_TRUE(client) << client.error().message;
   core::HeldEdits held((*client)->world().horizon);
   held.moveTo({0, 0});

@@ -14,8 +14,8 @@
 #include <string>
 #include <utility>
 
-#include "client/connection/connection.h"
 #include "client/core/mesh/scene.h"
+#include "client/link/connection.h"
 #include "common/wire/wire.h"
 #include "server/logging/logging.h"
 #include "server/net/server.h"
@@ -87,8 +87,8 @@ std::string record() {
     hello.pacing = wire::Pacing::kLockstep;
     hello.settings.threshold = 2.5;
     hello.points = true;
-    const auto connection = connection::Connection::open({"127.0.0.1", std::to_string(server->port()), "default"}, hello,
-                                                         {.reconnects = false, .timeout = testing_support::kTimeout})
+    const auto connection = link::Connection::open({"127.0.0.1", std::to_string(server->port()), "default"}, hello,
+                                                   {.reconnects = false, .timeout = testing_support::kTimeout})
                                 .value();
     wire::World world = connection->world();
     world.terrainSource.clear();  // long, and of no use here

@@ -19,7 +19,7 @@
 #include <thread>
 #include <vector>
 
-#include "client/connection/connection.h"
+#include "client/link/connection.h"
 #include "common/wire/wire.h"
 #include "tests/integration/loopback.h"
 #include "tests/support/waiting.h"
@@ -28,7 +28,7 @@ namespace ridgecast {
 namespace {
 
 using namespace std::chrono_literals;
-using connection::Connection;
+using link::Connection;
 using Time = std::chrono::steady_clock;
 using testing_support::kTimeout;
 

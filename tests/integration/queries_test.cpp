@@ -16,8 +16,8 @@
 #include <string>
 #include <vector>
 
-#include "client/connection/connection.h"
 #include "client/core/mesh/mesh_ground.h"
+#include "client/link/connection.h"
 #include "client/query/ground.h"
 #include "client/query/patch.h"
 #include "common/wire/wire.h"
@@ -31,8 +31,8 @@ namespace ridgecast {
 namespace {
 
 using namespace std::chrono_literals;
-using connection::Connection;
 using lattice::Step;
+using link::Connection;
 using query::Ground;
 using Time = std::chrono::steady_clock;
 using testing_support::kTimeout;

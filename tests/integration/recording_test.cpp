@@ -11,7 +11,7 @@
 #include <string>
 #include <vector>
 
-#include "client/connection/connection.h"
+#include "client/link/connection.h"
 #include "common/edits/json.h"
 #include "server/recording/recorder.h"
 #include "server/recording/replay.h"

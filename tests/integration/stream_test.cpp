@@ -134,7 +134,7 @@ TEST_F(StreamTest, AMeshThatWentWrongIsMended) {
   wire::Hello hello;
   hello.settings = coarse();
   hello.pacing = wire::Pacing::kLockstep;
-  auto connection = connection::Connection::open(core::parseUrl(url()).value(), hello, {.reconnects = false, .timeout = kTimeout}).value();
+  auto connection = link::Connection::open(core::parseUrl(url()).value(), hello, {.reconnects = false, .timeout = kTimeout}).value();
   core::Scene held;
   std::uint64_t sequence = 0;
   const auto next = [&] {
@@ -165,7 +165,7 @@ TEST_F(StreamTest, AMeshThatWentWrongIsMended) {
 TEST_F(StreamTest, SettingsChangeOnTheWayAndTheMeshStaysTheSameOnBothSides) {
   wire::Hello hello;
   hello.settings = coarse();
-  auto connection = connection::Connection::open(core::parseUrl(url()).value(), hello, {.reconnects = false, .timeout = kTimeout}).value();
+  auto connection = link::Connection::open(core::parseUrl(url()).value(), hello, {.reconnects = false, .timeout = kTimeout}).value();
   core::Scene held;
   const auto settle = [&] {
     for (int k = 0; k < 500; ++k) {

@@ -18,15 +18,15 @@ T orThrow(Outcome<T> outcome) {
   return std::move(*outcome);
 }
 
-std::unique_ptr<replica::Client> connect(const std::string& url, const wire::Settings& settings, wire::Pacing pacing) {
+std::unique_ptr<link::Client> connect(const std::string& url, const wire::Settings& settings, wire::Pacing pacing) {
   wire::Hello hello;
   hello.clientName = "ridgecast tests";
   hello.settings = settings;
   hello.pacing = pacing;
-  return orThrow(replica::Client::open(orThrow(core::parseUrl(url)), hello, {.reconnects = false, .timeout = kTimeout}));
+  return orThrow(link::Client::open(orThrow(core::parseUrl(url)), hello, {.reconnects = false, .timeout = kTimeout}));
 }
 
-wire::Iteration agreed(replica::Update&& update) {
+wire::Iteration agreed(link::Update&& update) {
   if (update.wrong) throw std::runtime_error(update.wrong->message);
   return std::move(update.iteration);
 }

@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "client/replica/client.h"
+#include "client/link/client.h"
 #include "common/camera/path.h"
 #include "common/terrain/terrain.h"
 #include "tests/support/mesh_check.h"
@@ -20,7 +20,7 @@ class Flier {
   Flier(const std::string& url, const wire::Settings& settings, wire::Pacing pacing = wire::Pacing::kLockstep);
 
   const wire::World& world() const { return client_->world(); }
-  connection::Connection& connection() { return client_->connection(); }
+  link::Connection& connection() { return client_->connection(); }
   const core::Scene& scene() const { return client_->scene(); }
 
   // One pose, sent and not waited for; its sequence.
@@ -35,7 +35,7 @@ class Flier {
   MeshReport check() const;
 
  private:
-  std::unique_ptr<replica::Client> client_;
+  std::unique_ptr<link::Client> client_;
 };
 
 // A camera path over the terrain of a world, as `ridgecast-client fly` sees it.

@@ -10,7 +10,7 @@
 #include <utility>
 #include <vector>
 
-#include "client/replica/client.h"
+#include "client/link/client.h"
 #include "tests/support/flier.h"
 
 namespace ridgecast::testing_support {
@@ -22,7 +22,7 @@ class Traveller {
     wire::Hello hello;
     hello.clientName = "ridgecast tests";
     hello.settings = settings;
-    client_ = replica::Client::open(core::parseUrl(url).value(), hello).value();
+    client_ = link::Client::open(core::parseUrl(url).value(), hello).value();
   }
 
   void send(const camera::Camera& camera) {
@@ -53,7 +53,7 @@ class Traveller {
     return true;
   }
 
-  const connection::Connection& line() const { return client_->connection(); }
+  const link::Connection& line() const { return client_->connection(); }
   const core::Scene& scene() const { return client_->scene(); }
   bool agrees() const { return agrees_ && heardOf_ == line().reconnections() && !line().error(); }
   bool settled() const { return settled_ && heardOf_ == line().reconnections(); }
@@ -67,7 +67,7 @@ class Traveller {
   void forgetLatencies() { latencies_.clear(); }
 
  private:
-  std::unique_ptr<replica::Client> client_;
+  std::unique_ptr<link::Client> client_;
   std::string failure_;
   std::uint64_t sequence_ = 0, heardOf_ = 0;  // reconnections before the newest iteration
   bool agrees_ = false, settled_ = false;

@@ -15,7 +15,7 @@
 #include "client/render/context.h"
 #include "common/terrain/terrain.h"
 #include "common/wire/wire.h"
-#include "tests/unit/client/connection/raw_world.h"
+#include "tests/unit/client/link/raw_world.h"
 
 namespace ridgecast::evaluation {
 namespace {

@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "common/wire/wire.h"
-#include "tests/unit/client/connection/raw_world.h"
+#include "tests/unit/client/link/raw_world.h"
 
 namespace ridgecast::flight {
 namespace {
@@ -45,7 +45,7 @@ struct Script {
 struct Seen final : Observer {
   std::vector<double> iterations;  // path times
   int reachedPlaces = 0, most = 1000;
-  Outcome<void> iterated(const replica::Update& update, double t, double latencyMs) override {
+  Outcome<void> iterated(const link::Update& update, double t, double latencyMs) override {
     EXPECT_FALSE(update.wrong);
     EXPECT_GE(latencyMs, 0);
     iterations.push_back(t);
@@ -66,13 +66,13 @@ struct Flown {
   explicit Flown(const RawServer& server, const Options& options = {.rate = 5, .settleLimit = 20}) {
     wire::Hello hello;
     hello.pacing = options.realtime ? wire::Pacing::kFree : wire::Pacing::kLockstep;
-    client = replica::Client::open({.port = server.port()}, hello, {.reconnects = options.realtime}).value();
+    client = link::Client::open({.port = server.port()}, hello, {.reconnects = options.realtime}).value();
     flight = std::make_unique<Flight>(
         options, path(), *client, [this](lattice::Point) { return ground; }, seen);
   }
   Seen seen;
   Outcome<double> ground = 50.0;
-  std::unique_ptr<replica::Client> client;
+  std::unique_ptr<link::Client> client;
   std::unique_ptr<Flight> flight;
 };
 

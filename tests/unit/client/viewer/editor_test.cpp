@@ -19,7 +19,7 @@
 #include "common/wire/wire.h"
 #include "tests/support/leaf_meshes.h"
 #include "tests/support/waiting.h"
-#include "tests/unit/client/connection/raw_world.h"
+#include "tests/unit/client/link/raw_world.h"
 
 namespace ridgecast::viewer {
 namespace {
@@ -99,7 +99,7 @@ TEST(Editor, TheOutlineLiesOnTheMeshAroundWhereAClickMakesTheEdit) {
       peer.sendFrame(wire::encode(wire::ServerMessage(wire::EditAnswer{edit->id, edits.size()})));
     }
   });
-  auto client = replica::Client::open(at(server), {}).value();
+  auto client = link::Client::open(at(server), {}).value();
   ASSERT_TRUE(client->receive(kTimeout));
   ViewerState state;
   auto editor = std::make_unique<Editor>(*client, at(server), state);
@@ -159,7 +159,7 @@ TEST(Editor, ARoadIsDrawnFromItsCornersToTheBrush) {
     sendRidge(peer);
     readEdit(peer);
   });
-  auto client = replica::Client::open(at(server), {}).value();
+  auto client = link::Client::open(at(server), {}).value();
   ASSERT_TRUE(client->receive(kTimeout));
   ViewerState state;
   Editor editor(*client, at(server), state);
@@ -200,7 +200,7 @@ TEST(Editor, AnEditWithoutAnAnswerGoesAgainOverTheNextConnection) {
         peer.drain();
       },
       2);
-  auto client = replica::Client::open(at(server), {}).value();
+  auto client = link::Client::open(at(server), {}).value();
   ASSERT_TRUE(client->receive(kTimeout));
   ViewerState state;
   Editor editor(*client, at(server), state);
@@ -225,7 +225,7 @@ TEST(Editor, SaysWhyThereIsNoEditing) {
       greet(peer, revision);
       if (revision == 3) peer.drain();
     });
-    auto client = replica::Client::open(at(server), {}).value();
+    auto client = link::Client::open(at(server), {}).value();
     ViewerState state;
     Editor editor(*client, at(server), state);
     EXPECT_TRUE(revision == 3 || await([&] { return client->receive(std::chrono::milliseconds(1)), client->connection().error(); }));
@@ -249,7 +249,7 @@ TEST(Editor, WhoShowsATokenIsToldWhetherItMayEdit) {
       peer.send(may ? "HTTP/1.1 422 No\r\nContent-Length: 3\r\n\r\nno\n" : "HTTP/1.1 403 No\r\nContent-Length: 9\r\n\r\nNo right\n");
       peer.drain();
     });
-    auto client = replica::Client::open(at(stream), {}).value();
+    auto client = link::Client::open(at(stream), {}).value();
     ViewerState state;
     Editor editor(*client, at(http, "secret"), state);
     editor.toggle();

@@ -8,7 +8,7 @@
 #include <thread>
 
 #include "tests/support/waiting.h"
-#include "tests/unit/client/connection/raw_server.h"
+#include "tests/unit/client/link/raw_server.h"
 
 namespace ridgecast::viewer {
 namespace {

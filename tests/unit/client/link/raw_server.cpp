@@ -1,4 +1,4 @@
-#include "tests/unit/client/connection/raw_server.h"
+#include "tests/unit/client/link/raw_server.h"
 
 #include <arpa/inet.h>
 #include <netinet/in.h>

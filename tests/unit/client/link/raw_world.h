@@ -2,7 +2,7 @@
 // The world that a raw server greets its client with.
 
 #include "common/wire/messages.h"
-#include "tests/unit/client/connection/raw_server.h"
+#include "tests/unit/client/link/raw_server.h"
 
 namespace ridgecast::test {
 

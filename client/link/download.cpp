@@ -1,4 +1,4 @@
-#include "client/connection/download.h"
+#include "client/link/download.h"
 
 #include <strings.h>
 #include <unistd.h>
@@ -13,9 +13,9 @@
 #include <system_error>
 #include <utility>
 
-#include "client/connection/dial.h"
+#include "client/link/dial.h"
 
-namespace ridgecast::connection {
+namespace ridgecast::link {
 
 namespace {
 
@@ -271,4 +271,4 @@ Outcome<HttpAnswer> request(const core::Url& url, const std::string& method, con
   return HttpAnswer{one.status(), bytes ? sentenceOf(text) : one.sentence()};
 }
 
-}  // namespace ridgecast::connection
+}  // namespace ridgecast::link

@@ -1,4 +1,4 @@
-#include "client/replica/client.h"
+#include "client/link/client.h"
 
 #include <algorithm>
 #include <atomic>
@@ -7,7 +7,7 @@
 #include <thread>
 #include <utility>
 
-namespace ridgecast::replica {
+namespace ridgecast::link {
 
 using namespace std::chrono_literals;
 using Clock = std::chrono::steady_clock;
@@ -48,7 +48,7 @@ Outcome<std::unique_ptr<Client>> Client::open(const core::Url& url, const wire::
 }
 
 Outcome<void> Client::enterOtherWorld() {
-  auto opened = connection::Connection::open(url_, hello_, options_, [this] {
+  auto opened = Connection::open(url_, hello_, options_, [this] {
     auto held = follower_.resume();
     for (const wire::Resume& part : held) resumed_ += part.leaves.size();
     return held;
@@ -141,4 +141,4 @@ Update Client::answer(Decoding&& decoding, core::Follower::Answer answer) {
   return update;
 }
 
-}  // namespace ridgecast::replica
+}  // namespace ridgecast::link

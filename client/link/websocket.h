@@ -14,9 +14,9 @@
 #include <span>
 #include <string>
 
-#include "client/connection/connection.h"
+#include "client/link/connection.h"
 
-namespace ridgecast::connection {
+namespace ridgecast::link {
 
 class WebSocket {
  public:
@@ -52,4 +52,4 @@ class WebSocket {
   std::unique_ptr<Impl> impl_;
 };
 
-}  // namespace ridgecast::connection
+}  // namespace ridgecast::link

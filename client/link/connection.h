@@ -19,7 +19,7 @@
 #include "common/outcome/outcome.h"
 #include "common/wire/messages.h"
 
-namespace ridgecast::connection {
+namespace ridgecast::link {
 
 // How to wait for the answer to the upgrade if the URL names a terrain: the server may have to compile it first, which takes seconds, and a
 // minute on a slow machine.
@@ -127,4 +127,4 @@ class Connection {
   std::unique_ptr<Impl> impl_;
 };
 
-}  // namespace ridgecast::connection
+}  // namespace ridgecast::link

@@ -12,7 +12,7 @@
 #include "client/core/conversation/url.h"
 #include "common/outcome/outcome.h"
 
-namespace ridgecast::connection {
+namespace ridgecast::link {
 
 struct Progress {
   std::chrono::milliseconds waited{0};
@@ -40,4 +40,4 @@ Outcome<HttpAnswer> request(const core::Url& url, const std::string& method, con
 Outcome<std::string> fetch(const core::Url& url, const std::string& target, std::size_t most, std::chrono::milliseconds timeout,
                            std::stop_token stop = {});
 
-}  // namespace ridgecast::connection
+}  // namespace ridgecast::link

@@ -1,4 +1,4 @@
-#include "client/connection/connection.h"
+#include "client/link/connection.h"
 
 #include <condition_variable>
 #include <mutex>
@@ -7,9 +7,9 @@
 #include <type_traits>
 #include <utility>
 
-#include "client/connection/websocket.h"
+#include "client/link/websocket.h"
 
-namespace ridgecast::connection {
+namespace ridgecast::link {
 
 using std::chrono::milliseconds;
 using Clock = std::chrono::steady_clock;
@@ -316,4 +316,4 @@ std::uint64_t Connection::bytesReceived() const {
   return impl_->look([](const Reconnector& r) { return r.bytes(); });
 }
 
-}  // namespace ridgecast::connection
+}  // namespace ridgecast::link

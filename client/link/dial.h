@@ -10,7 +10,7 @@
 #include "client/core/conversation/url.h"
 #include "common/transport/channel.h"
 
-namespace ridgecast::connection {
+namespace ridgecast::link {
 
 enum class Dialing { kResolving, kConnecting, kConnected };
 
@@ -35,4 +35,4 @@ inline void dial(const core::Url& url, boost::asio::ip::tcp::resolver& resolver,
   });
 }
 
-}  // namespace ridgecast::connection
+}  // namespace ridgecast::link

@@ -1,5 +1,5 @@
 // A connection against servers that are not there, are something else, are late, lie, or go away.
-#include "client/connection/connection.h"
+#include "client/link/connection.h"
 
 #include <gtest/gtest.h>
 
@@ -12,10 +12,10 @@
 
 #include "common/wire/wire.h"
 #include "tests/support/waiting.h"
-#include "tests/unit/client/connection/raw_server.h"
-#include "tests/unit/client/connection/talking.h"
+#include "tests/unit/client/link/raw_server.h"
+#include "tests/unit/client/link/talking.h"
 
-namespace ridgecast::connection {
+namespace ridgecast::link {
 namespace {
 
 using namespace std::chrono_literals;
@@ -321,4 +321,4 @@ TEST(Connection, PartsPolitely) {
 }
 
 }  // namespace
-}  // namespace ridgecast::connection
+}  // namespace ridgecast::link

@@ -1,5 +1,5 @@
 // A client against a server that lies, hangs up and comes back, at times with another world. (Real servers: tests/e2e/resume_test.cpp.)
-#include "client/replica/client.h"
+#include "client/link/client.h"
 
 #include <gtest/gtest.h>
 
@@ -13,9 +13,9 @@
 #include "common/wire/wire.h"
 #include "tests/support/leaf_meshes.h"
 #include "tests/support/waiting.h"
-#include "tests/unit/client/connection/raw_world.h"
+#include "tests/unit/client/link/raw_world.h"
 
-namespace ridgecast::replica {
+namespace ridgecast::link {
 namespace {
 
 using namespace std::chrono_literals;
@@ -180,4 +180,4 @@ TEST(Client, SaysThatNoAnswerCame) {
 }
 
 }  // namespace
-}  // namespace ridgecast::replica
+}  // namespace ridgecast::link

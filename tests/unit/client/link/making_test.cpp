@@ -8,12 +8,12 @@
 #include <string>
 #include <thread>
 
-#include "client/connection/connection.h"
+#include "client/link/connection.h"
 #include "tests/support/waiting.h"
-#include "tests/unit/client/connection/raw_server.h"
-#include "tests/unit/client/connection/talking.h"
+#include "tests/unit/client/link/raw_server.h"
+#include "tests/unit/client/link/talking.h"
 
-namespace ridgecast::connection {
+namespace ridgecast::link {
 namespace {
 
 using namespace std::chrono_literals;
@@ -120,4 +120,4 @@ TEST(Connection, WaitingIsGivenUpAtOnce) {
 }
 
 }  // namespace
-}  // namespace ridgecast::connection
+}  // namespace ridgecast::link

@@ -1,4 +1,4 @@
-#include "client/connection/websocket.h"
+#include "client/link/websocket.h"
 
 #include <algorithm>
 #include <optional>
@@ -14,13 +14,13 @@
 #include <boost/beast/http/status.hpp>
 #include <boost/beast/websocket.hpp>
 
-#include "client/connection/dial.h"
+#include "client/link/dial.h"
 #include "common/outcome/contract.h"
 #include "common/text/text.h"
 #include "common/transport/channel.h"
 #include "common/wire/wire.h"
 
-namespace ridgecast::connection {
+namespace ridgecast::link {
 namespace {
 
 namespace net = boost::asio;
@@ -246,4 +246,4 @@ void WebSocket::part() {
   post([this] { impl_->part(); });
 }
 
-}  // namespace ridgecast::connection
+}  // namespace ridgecast::link

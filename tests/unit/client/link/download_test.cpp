@@ -1,4 +1,4 @@
-#include "client/connection/download.h"
+#include "client/link/download.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -11,9 +11,9 @@
 #include <vector>
 
 #include "tests/support/waiting.h"
-#include "tests/unit/client/connection/raw_server.h"
+#include "tests/unit/client/link/raw_server.h"
 
-namespace ridgecast::connection {
+namespace ridgecast::link {
 namespace {
 
 using namespace std::chrono_literals;
@@ -143,4 +143,4 @@ TEST_F(DownloadTest, SilenceEnds) {
 }
 
 }  // namespace
-}  // namespace ridgecast::connection
+}  // namespace ridgecast::link

@@ -7,11 +7,11 @@
 #include <cstdint>
 #include <string>
 
-#include "client/connection/connection.h"
+#include "client/link/connection.h"
 #include "common/wire/wire.h"
 #include "tests/support/waiting.h"
 
-namespace ridgecast::connection {
+namespace ridgecast::link {
 
 inline core::Url at(const std::string& port) { return {.host = "127.0.0.1", .port = port, .session = "default"}; }
 
@@ -39,4 +39,4 @@ inline std::string errorOf(const core::Url& url, std::chrono::milliseconds patie
 }
 inline void expectContains(const std::string& text, const std::string& part) { EXPECT_NE(text.find(part), std::string::npos) << text; }
 
-}  // namespace ridgecast::connection
+}  // namespace ridgecast::link

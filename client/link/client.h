@@ -1,7 +1,7 @@
 #pragma once
 // A program's end of a server's stream, whole: a connection that comes back by itself and the mesh that it keeps equal to the server's.
 //
-//     auto client = replica::Client::open(url, hello);
+//     auto client = link::Client::open(url, hello);
 //     (*client)->send(camera);
 //     while (auto update = (*client)->receive(timeout)) draw((*client)->scene());
 //
@@ -16,16 +16,16 @@
 #include <utility>
 #include <vector>
 
-#include "client/connection/connection.h"
 #include "client/core/ground/height_window.h"
 #include "client/core/ground/held_edits.h"
 #include "client/core/mesh/follower.h"
 #include "client/core/mesh/scene.h"
+#include "client/link/connection.h"
 #include "common/camera/camera.h"
 #include "common/outcome/outcome.h"
 #include "common/wire/messages.h"
 
-namespace ridgecast::replica {
+namespace ridgecast::link {
 
 // An iteration that was applied and acknowledged.
 struct Update {
@@ -37,7 +37,6 @@ struct Update {
 
 class Client {
  public:
-  using Options = connection::Options;
   static Outcome<std::unique_ptr<Client>> open(const core::Url& url, const wire::Hello& hello, const Options& options = {});
 
   // Where connection().otherWorld(): enters that world with the same hello, in place of the one held. The mesh held is empty then;
@@ -46,8 +45,8 @@ class Client {
 
   const core::Scene& scene() const { return follower_.scene(); }
   const wire::World& world() const { return connection_->world(); }  // good until receive(), poll() or await() is called
-  connection::Connection& connection() { return *connection_; }
-  const connection::Connection& connection() const { return *connection_; }
+  Connection& connection() { return *connection_; }
+  const Connection& connection() const { return *connection_; }
   std::uint64_t resumed() const { return resumed_; }  // leaves that were named to later connections
 
   // Never blocks. Returns the pose's sequence, ascending from 1. `state`: what the other members hear of this one, at most
@@ -86,11 +85,11 @@ class Client {
   const wire::Hello hello_;
   const Options options_;
   core::Follower follower_;
-  std::unique_ptr<connection::Connection> connection_;  // never null
+  std::unique_ptr<Connection> connection_;  // never null
   std::uint64_t sequence_ = 0, resumed_ = 0;
   std::uint64_t tilesFrom_ = 0, editsFrom_ = 0;  // the reconnection that tiles, and edits, are requested of
   std::uint64_t edit_ = 0;                       // the newest that the mesh knows
   std::unique_ptr<Decoding> decoding_;
 };
 
-}  // namespace ridgecast::replica
+}  // namespace ridgecast::link
