@@ -1,12 +1,8 @@
 #include "client/viewer/editor.h"
 
-#include <algorithm>
-#include <cmath>
 #include <cstdio>
-#include <numbers>
-#include <random>
 
-#include "client/core/mesh/mesh_ground.h"
+#include "client/core/hands/brush.h"
 
 namespace ridgecast::viewer {
 namespace {
@@ -15,23 +11,7 @@ using namespace std::chrono_literals;
 
 constexpr std::chrono::milliseconds kSaid{8000};  // how long a sentence stays
 constexpr auto kTimeout = 10s;
-constexpr int kAround = 96;                             // places of an outline
-constexpr double kApart = 4 * lattice::kStepsPerMetre;  // between those of a line
-constexpr double kMostOfPiece = 256;                    // of them, in a piece of a line
-constexpr double kReach = 1e6;                          // metres that a brush is looked for
-
-std::string newKey() {
-  std::random_device random;
-  std::string key;
-  for (int k = 0; k < 4; ++k) {
-    char part[12];
-    std::snprintf(part, sizeof part, "%08x", random());
-    key += part;
-  }
-  return key;
-}
-
-lattice::Step along(lattice::Step from, double by) { return from + std::llround(by); }
+constexpr double kReach = 1e6;  // metres that a brush is looked for
 
 }  // namespace
 
@@ -39,7 +19,7 @@ Editor::Editor(link::Client& client, const core::Url& url, ViewerState& state)
     : client_(client),
       url_(url),
       state_(state),
-      editing_({[this](const wire::Edit& edit) { send(edit); }, [this](const std::string& sentence) { say(sentence); }, newKey}),
+      editing_({[this](const wire::Edit& edit) { send(edit); }, [this](const std::string& sentence) { say(sentence); }}),
       connection_(client.connection().reconnections()) {}
 
 Editor::~Editor() { stop_.request_stop(); }
@@ -160,14 +140,8 @@ void Editor::update(const camera::Camera& camera, std::optional<Pointer> pointer
 
 std::optional<lattice::Vertex> Editor::groundBelow(const camera::Camera& camera, Pointer at) const {
   const camera::Pose& pose = camera.pose;
-  camera::Vec3 d = towards(camera, at.first, at.second);
-  const double length = std::sqrt(d.x * d.x + d.y * d.y + d.z * d.z);
-  d = {d.x / length, d.y / length, d.z / length};
-  const auto hit = core::cast(client_.scene(), {pose.x, pose.z, pose.y, d.x, d.y, d.z, kReach});
-  if (!hit) return std::nullopt;
-  const double steps = hit->distance * lattice::kStepsPerMetre;
-  return lattice::Vertex{along(pose.x, d.x * steps), along(pose.z, d.z * steps),
-                         static_cast<std::int32_t>(std::llround(pose.y * lattice::kStepsPerMetre + d.y * steps))};
+  const camera::Vec3 d = towards(camera, at.first, at.second);
+  return core::touched(client_.scene(), {pose.x, pose.z, pose.y, d.x, d.y, d.z, kReach});
 }
 
 // The outline of the brush, and the line of a road that ends at it, on the mesh and then in the window.
@@ -177,33 +151,19 @@ void Editor::lay(const camera::Camera& camera, const std::optional<lattice::Vert
   state_.changed = true;
   if (!at) return;
   const camera::Pose& pose = camera.pose;
-  const auto place = [&](double x, double z) {  // steps from the middle
-    const lattice::Point p{along(at->x, x), along(at->z, z)};
-    const double y = client_.scene().height(p).value_or(at->y * lattice::kMetresPerStep);
-    return camera::Vec3{(static_cast<double>(p.x - pose.x) - pose.remainderX) * lattice::kMetresPerStep, y - pose.y,
-                        (static_cast<double>(p.z - pose.z) - pose.remainderZ) * lattice::kMetresPerStep};
-  };
+  const core::Outline outline = core::outlineOf(client_.scene(), *at, editing_.radius(), editing_.corners());
   std::optional<camera::Vec3> last;
-  const auto lineTo = [&](const camera::Vec3& next) {
+  const auto lineTo = [&](const core::Spot& spot) {
+    const camera::Vec3 next{(static_cast<double>(spot.at.x - pose.x) - pose.remainderX) * lattice::kMetresPerStep, spot.y - pose.y,
+                            (static_cast<double>(spot.at.z - pose.z) - pose.remainderZ) * lattice::kMetresPerStep};
     if (last)
       if (const auto segment = segmentOf(camera, *last, next)) out.push_back(*segment);
     last = next;
   };
-  const auto radius = static_cast<double>(editing_.radius());
-  for (int k = 0; k <= kAround; ++k) {
-    const double angle = 2 * std::numbers::pi * (k % kAround) / kAround;
-    lineTo(place(radius * std::cos(angle), radius * std::sin(angle)));
-  }
+  for (const core::Spot& spot : outline.around) lineTo(spot);
+  lineTo(outline.around.front());
   last.reset();
-  const auto& corners = editing_.corners();
-  for (std::size_t k = 0; k < corners.size(); ++k) {
-    const lattice::Vertex &from = corners[k], &to = k + 1 < corners.size() ? corners[k + 1] : *at;
-    const double x = static_cast<double>(from.x - at->x), z = static_cast<double>(from.z - at->z);
-    const double dx = static_cast<double>(to.x - from.x), dz = static_cast<double>(to.z - from.z);
-    const double pieces = std::clamp(std::ceil(std::hypot(dx, dz) / kApart), 1.0, kMostOfPiece);
-    for (double p = 0; p < pieces; ++p) lineTo(place(x + dx * p / pieces, z + dz * p / pieces));
-  }
-  if (last) lineTo(place(0, 0));
+  for (const core::Spot& spot : outline.line) lineTo(spot);
 }
 
 }  // namespace ridgecast::viewer

@@ -1,6 +1,6 @@
 #pragma once
 // The edit mode of the window: a brush on the ground below the mouse, or in the middle of the picture where the mouse is elsewhere, and
-// what goes to the server and comes back. What the brush does is in editing.h. Main thread only.
+// what goes to the server and comes back. What the brush does is in core/hands. Main thread only.
 
 #include <cstdint>
 #include <future>
@@ -11,9 +11,9 @@
 #include <utility>
 #include <vector>
 
+#include "client/core/hands/editing.h"
 #include "client/link/client.h"
 #include "client/link/download.h"
-#include "client/viewer/editing.h"
 #include "client/viewer/panel.h"
 #include "client/viewer/viewer_state.h"
 
@@ -58,12 +58,12 @@ class Editor {
   link::Client& client_;
   const core::Url url_;
   ViewerState& state_;
-  Editing editing_;
+  core::Editing editing_;
   std::stop_source stop_;
   std::future<Outcome<link::HttpAnswer>> right_;  // while it is asked for
-  std::vector<Sent> sent_;                        // at most Editing::kMostOpen of each of its times
+  std::vector<Sent> sent_;                        // at most core::Editing::kMostOpen of each of its times
   std::uint64_t connection_ = 0;                  // reconnections() that editing_ knows of
-  using Laid = std::tuple<camera::Camera, Pointer, lattice::Step, Tool, std::size_t, std::uint64_t>;
+  using Laid = std::tuple<camera::Camera, Pointer, lattice::Step, core::Tool, std::size_t, std::uint64_t>;
   std::optional<Laid> laid_;  // what the brush in the state was made for
 };
 

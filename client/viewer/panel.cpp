@@ -145,8 +145,8 @@ EditRequests drawEditBar(const EditMode& edit, float width) {
   EditRequests requests;
   const float right = ImGui::GetCursorPosX() + width, letter = ImGui::GetFontSize();
   ImGui::Dummy({0, 0});
-  for (std::size_t k = 0; k < kToolNames.size(); ++k)
-    if (const auto which = static_cast<Tool>(k); tool(kToolNames[k], right, which == edit.tool)) requests.tool = which;
+  for (std::size_t k = 0; k < core::kToolNames.size(); ++k)
+    if (const auto which = static_cast<core::Tool>(k); tool(core::kToolNames[k], right, which == edit.tool)) requests.tool = which;
   const auto material = [](std::uint32_t k) { return k == 0 ? "as it is" : edits::kMaterialNames[k - 1]; };
   inLine(right, 7 * letter);
   ImGui::SetNextItemWidth(7 * letter);
@@ -168,11 +168,11 @@ EditRequests drawEditBar(const EditMode& edit, float width) {
   ImGui::BeginDisabled(!edit.mayUndo);
   requests.undo = tool("Undo", right);
   ImGui::EndDisabled();
-  if (edit.tool == Tool::kRoad) requests.endRoad = tool("End road", right);
+  if (edit.tool == core::Tool::kRoad) requests.endRoad = tool("End road", right);
   return requests;
 }
 
-std::optional<wire::SetClock> drawClockBar(ClockBar& clock, float width) {
+std::optional<wire::SetClock> drawClockBar(core::ClockBar& clock, float width) {
   std::optional<wire::SetClock> request;
   const float right = ImGui::GetCursorPosX() + width, letter = ImGui::GetFontSize();
   const auto words = [&](const std::string& text, float least) {
@@ -185,8 +185,8 @@ std::optional<wire::SetClock> drawClockBar(ClockBar& clock, float width) {
     ImGui::Dummy({0, 0});
   };
   ImGui::Dummy({0, 0});
-  words(clockText(clock.dragged ? static_cast<std::uint64_t>(*clock.dragged * 1e6f) : clock.time) +
-            (clock.end == 0 ? "" : " / " + clockText(clock.end)),
+  words(core::clockText(clock.dragged ? static_cast<std::uint64_t>(*clock.dragged * 1e6f) : clock.time) +
+            (clock.end == 0 ? "" : " / " + core::clockText(clock.end)),
         clock.end == 0 ? 4 : 8);
   ImGui::BeginDisabled(!clock.driver.empty());
   if (clock.end != 0 && clock.jumps) {
@@ -194,15 +194,15 @@ std::optional<wire::SetClock> drawClockBar(ClockBar& clock, float width) {
     inLine(right, 14 * letter);
     ImGui::SetNextItemWidth(14 * letter);
     ImGui::SliderFloat("##time", &at, 0, static_cast<float>(clock.end) / 1e6f, "", ImGuiSliderFlags_AlwaysClamp | ImGuiSliderFlags_NoInput);
-    if (ImGui::IsItemDeactivatedAfterEdit()) request = movedTo(clock, static_cast<std::uint64_t>(at * 1e6f));
+    if (ImGui::IsItemDeactivatedAfterEdit()) request = core::movedTo(clock, static_cast<std::uint64_t>(at * 1e6f));
     clock.dragged = ImGui::IsItemActive() ? std::optional(at) : std::nullopt;
-    if (tool("-10 s", right)) request = movedBy(clock, -kClockSkip);
+    if (tool("-10 s", right)) request = core::movedBy(clock, -core::kClockSkip);
   }
-  if (tool(clock.isOver() ? "Again" : clock.runs ? "Pause" : "Resume", right)) request = toggled(clock);
-  if (clock.jumps && tool("+10 s", right)) request = movedBy(clock, kClockSkip);
-  if (tool("Slower", right)) request = faster(clock, false);
-  words(rateText(clock.rate), 2.5f);
-  if (tool("Faster", right)) request = faster(clock, true);
+  if (tool(clock.isOver() ? "Again" : clock.runs ? "Pause" : "Resume", right)) request = core::toggled(clock);
+  if (clock.jumps && tool("+10 s", right)) request = core::movedBy(clock, core::kClockSkip);
+  if (tool("Slower", right)) request = core::faster(clock, false);
+  words(core::rateText(clock.rate), 2.5f);
+  if (tool("Faster", right)) request = core::faster(clock, true);
   ImGui::EndDisabled();
   if (!clock.driver.empty()) words(clock.driver + " owns it", 0);
   return request;

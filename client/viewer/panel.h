@@ -12,7 +12,7 @@ namespace ridgecast::viewer {
 
 // What the user pressed in the bar of the edit mode since the last frame.
 struct EditRequests {
-  std::optional<Tool> tool;
+  std::optional<core::Tool> tool;
   std::optional<std::uint32_t> material;
   int notches = 0;  // of the brush's size
   bool here = false, endRoad = false, undo = false;
@@ -37,6 +37,6 @@ void drawPanel(ViewerState& state, Requests& requests, Area& area);
 // The tools of the edit mode, into the box that is being drawn, of a width that its text wraps at.
 EditRequests drawEditBar(const EditMode& edit, float width);
 // The session's clock, likewise.
-std::optional<wire::SetClock> drawClockBar(ClockBar& clock, float width);
+std::optional<wire::SetClock> drawClockBar(core::ClockBar& clock, float width);
 
 }  // namespace ridgecast::viewer

@@ -28,10 +28,6 @@ std::string ownName(const std::string& name) {
   return out.empty() ? "ridgecast-client view" : out;
 }
 
-std::string nameOf(const wire::Member& member) {
-  return member.name.empty() || member.name.starts_with("ridgecast-") ? "Guest " + std::to_string(member.camera) : member.name;
-}
-
 std::string distanceText(double metres) {
   char text[40];
   std::snprintf(text, sizeof text, metres < 1000 ? "%.0f m" : "%.1f km", metres < 1000 ? metres : metres / 1000);

@@ -12,8 +12,6 @@ namespace ridgecast::viewer {
 
 // What is sent as the client's name: at most 32 bytes of `name` without control characters; a program's own name if that is empty.
 std::string ownName(const std::string& name);
-// "Guest 7" if a program's name is all that is known.
-std::string nameOf(const wire::Member& member);
 std::string distanceText(double metres);  // "120 m", "3.4 km"
 Colour memberColour(std::uint64_t camera);
 

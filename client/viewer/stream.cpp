@@ -134,37 +134,19 @@ void Stream::followClock() {
 }
 
 void Stream::showClock(const core::SessionClock& clock) {
-  const wire::Clock& said = clock.said();
-  ClockBar& bar = state_.clock;
-  const std::string before = clockText(bar.time) + bar.driver;
-  if (!bar.known) bar.on = said.end != 0;  // whoever looks at a recording wants it
-  bar.known = true;
-  bar.jumps = client().world().revision >= 6;
-  bar.end = said.end;
-  if (clock.isSettled()) {
-    bar.time = clock.time(Clock::now());
-    bar.runs = said.rate > 0;
-    if (bar.runs) bar.rate = said.rate;
-  }
-  bar.driver.clear();
-  if (said.owner != 0 && said.owner != client().world().camera) {
-    const auto owner = others_ ? others_->others().find(said.owner) : std::map<std::uint64_t, core::Other>::const_iterator{};
-    bar.driver = others_ && owner != others_->others().end() ? nameOf(owner->second.member) : "Member " + std::to_string(said.owner);
-  }
-  if (clock.version() != clockSeen_ || (bar.on && before != clockText(bar.time) + bar.driver)) state_.changed = true;
+  core::ClockBar& bar = state_.clock;
+  const std::string before = core::clockText(bar.time) + bar.driver;
+  const core::Roster nobody;
+  bar.hear(clock, client().world(), (others_ ? *others_ : nobody).others(), Clock::now());
+  if (clock.version() != clockSeen_ || (bar.on && before != core::clockText(bar.time) + bar.driver)) state_.changed = true;
 }
 
 void Stream::setClock(const wire::SetClock& set) {
-  if (lost_ || !state_.clock.known) return state_.tell("no connection to a server with a clock");
-  if (set.time != 0 && !state_.clock.jumps) return state_.tell("this server is too old to set its clock to a time");
-  if (!state_.clock.driver.empty()) return state_.tell(state_.clock.driver + " owns the clock");
+  if (const std::string why = lost_ ? core::ClockBar().refusal(set) : state_.clock.refusal(set); !why.empty()) return state_.tell(why);
   link::Connection& connection = client().connection();
   connection.setClock(set);
   connection.setClock({.own = false});
-  // So that the next key, which may be pressed before the server answers, goes on from there.
-  state_.clock.runs = set.mode != wire::ClockMode::kStepped;
-  state_.clock.rate = set.rate;
-  if (set.time != 0) state_.clock.time = set.time;
+  state_.clock.goOn(set);
 }
 
 void Stream::accept(const link::Update& update) {

@@ -11,8 +11,8 @@
 #include <utility>
 #include <vector>
 
-#include "client/viewer/clock_bar.h"
-#include "client/viewer/editing.h"
+#include "client/core/hands/clock_bar.h"
+#include "client/core/hands/editing.h"
 #include "client/viewer/leaf_colours.h"
 #include "client/viewer/project.h"
 #include "client/viewer/worlds.h"
@@ -80,7 +80,7 @@ struct Outlines {
 // The brush, while the user edits the ground, and the bar with its tools.
 struct EditMode {
   bool on = false;
-  Tool tool = Tool::kCrater;
+  core::Tool tool = core::Tool::kCrater;
   std::uint32_t material = 0;  // of edits::Operation
   std::string words;           // what the brush does
   bool mayUndo = false;
@@ -166,7 +166,7 @@ struct ViewerState {
   Outlines outlines;
   Panel panel;
   EditMode edit;
-  ClockBar clock;
+  core::ClockBar clock;
   bool changed = true;  // since the window was drawn
 
   double meshShare() const { return mode == Mode::kSplit ? divider : mode == Mode::kMesh ? 1 : 0; }  // of the width, from the left

@@ -135,11 +135,11 @@ std::vector<Action> WorldWindow::actions() {
           {"undo", [this] { editor_.undo(); }},
           {"road", [this] { editor_.endRoad(); }},
           {"clock", toggle(s.clock.on)},
-          {"pause", drive([](const ClockBar& c) { return toggled(c); })},
-          {"slower", drive([](const ClockBar& c) { return faster(c, false); })},
-          {"faster", drive([](const ClockBar& c) { return faster(c, true); })},
-          {"rewind", drive([](const ClockBar& c) { return movedBy(c, -kClockSkip); })},
-          {"skip", drive([](const ClockBar& c) { return movedBy(c, kClockSkip); })},
+          {"pause", drive([](const core::ClockBar& c) { return core::toggled(c); })},
+          {"slower", drive([](const core::ClockBar& c) { return core::faster(c, false); })},
+          {"faster", drive([](const core::ClockBar& c) { return core::faster(c, true); })},
+          {"rewind", drive([](const core::ClockBar& c) { return core::movedBy(c, -core::kClockSkip); })},
+          {"skip", drive([](const core::ClockBar& c) { return core::movedBy(c, core::kClockSkip); })},
           {"walk", [this] { toggleWalking(); }, GLFW_GAMEPAD_BUTTON_B},
           {"corrected", [this] { toggleCorrected(); }},
           {"record", [this] { toggleRecord(); }},
@@ -441,7 +441,7 @@ void WorldWindow::outline(const camera::Camera& camera) {
   for (const auto& [id, other] : others->others()) {
     Outlines::Member member;
     member.camera = id;
-    member.text = nameOf(other.member);
+    member.text = core::nameOf(other.member);
     member.colour = memberColour(id);
     if (other.member.moved) {
       const camera::Camera& seen = other.member.moved->pose.camera;

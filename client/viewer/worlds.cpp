@@ -12,7 +12,7 @@ namespace {
 
 using Json = nlohmann::json;
 
-constexpr std::size_t kMostBytes = 4 << 20;
+constexpr std::size_t kMostAnswerBytes = 4 << 20;
 constexpr std::chrono::seconds kTimeout{10};
 
 std::string wordsOf(const Json& object, const char* name) {
@@ -54,9 +54,9 @@ Outcome<Worlds> worldsFrom(std::string_view sessions, std::string_view terrains)
 
 WorldsQuestion::WorldsQuestion(const core::Url& url)
     : answer_(std::async(std::launch::async, [url, stop = stop_.get_token()]() -> Outcome<Worlds> {
-        const auto sessions = link::fetch(url, "/v1/sessions", kMostBytes, kTimeout, stop);
+        const auto sessions = link::fetch(url, "/v1/sessions", kMostAnswerBytes, kTimeout, stop);
         if (!sessions) return sessions.error();
-        const auto terrains = link::fetch(url, "/v1/terrains", kMostBytes, kTimeout, stop);
+        const auto terrains = link::fetch(url, "/v1/terrains", kMostAnswerBytes, kTimeout, stop);
         if (!terrains) return terrains.error();
         return worldsFrom(*sessions, *terrains);
       })) {}

@@ -14,9 +14,6 @@ namespace {
 using Json = nlohmann::json;
 using lattice::Step;
 
-using lattice::metres;
-double share(std::uint32_t of256) { return of256 / 256.0; }
-
 // Reads fields one after another; what is wrong first is kept, and all that follows is 0.
 class Fields {
  public:
@@ -183,54 +180,7 @@ Stamp stamp(Fields& f) {
   return o;
 }
 
-struct Writer {
-  Json operator()(const Raise& o) const {
-    return {{"op", o.amount < 0 ? "lower" : "raise"},
-            {"x", metres(o.at.x)},
-            {"z", metres(o.at.z)},
-            {"radius", metres(o.radius)},
-            {"core", metres(o.core)},
-            {"by", metres(std::abs(o.amount))}};
-  }
-  Json operator()(const Crater& o) const {
-    return {{"op", "crater"}, {"x", metres(o.at.x)}, {"z", metres(o.at.z)}, {"radius", metres(o.radius)}, {"depth", metres(o.depth)}};
-  }
-  Json operator()(const Level& o) const {
-    Json out{{"op", "level"}, {"height", metres(o.height)}, {"slope", share(o.slope)}};
-    if (o.corners.size() == 1) {
-      out["x"] = metres(o.corners[0].x), out["z"] = metres(o.corners[0].z), out["radius"] = metres(o.radius);
-    } else {
-      for (const lattice::Point p : o.corners) out["polygon"].push_back({metres(p.x), metres(p.z)});
-    }
-    return out;
-  }
-  Json operator()(const Smooth& o) const {
-    return {{"op", "smooth"}, {"x", metres(o.at.x)}, {"z", metres(o.at.z)}, {"radius", metres(o.radius)}, {"passes", o.passes}};
-  }
-  Json operator()(const Road& o) const {
-    Json out{{"op", "road"}, {"width", metres(o.width)}, {"grade", share(o.grade)}, {"slope", share(o.slope)}};
-    for (const lattice::Vertex& v : o.line) {
-      out["line"].push_back({metres(v.x), metres(v.z)});
-      if (o.surveyed) out["line"].back().push_back(metres(v.y));
-    }
-    return out;
-  }
-  Json operator()(const Stamp& o) const {
-    Json out{
-        {"op", "stamp"}, {"x", metres(o.at.x)}, {"z", metres(o.at.z)}, {"spacing", metres(o.spacing * kPostSteps)}, {"columns", o.width}};
-    for (const std::int32_t v : o.samples) out["samples"].push_back(metres(v));
-    return out;
-  }
-  Json operator()(const Undo& o) const { return {{"op", "undo"}, {"edit", o.edit}}; }
-};
-
 }  // namespace
-
-std::string toJson(const Operation& operation) {
-  Json out = std::visit(Writer(), operation.what);
-  if (operation.material > 0) out["material"] = kMaterialNames[operation.material - 1];
-  return out.dump();
-}
 
 Outcome<Operation> fromJson(std::string_view text, const ToWorld& toWorld) {
   const Json in = Json::parse(text, nullptr, false);

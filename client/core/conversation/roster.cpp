@@ -5,6 +5,10 @@
 
 namespace ridgecast::core {
 
+std::string nameOf(const wire::Member& member) {
+  return member.name.empty() || member.name.starts_with("ridgecast-") ? "Guest " + std::to_string(member.camera) : member.name;
+}
+
 Outcome<void> Roster::apply(const wire::Members& news, std::chrono::steady_clock::time_point now) {
   auto others = others_;
   const auto name = [](std::uint64_t camera) { return "member " + std::to_string(camera); };

@@ -4,6 +4,7 @@
 #include <chrono>
 #include <cstdint>
 #include <map>
+#include <string>
 
 #include "common/outcome/outcome.h"
 #include "common/wire/messages.h"
@@ -14,6 +15,9 @@ struct Other {
   wire::Member member;
   std::chrono::steady_clock::time_point heard;  // when the newest of it arrived
 };
+
+// "Guest 7" if a program's name is all that is known.
+std::string nameOf(const wire::Member& member);
 
 class Roster {
  public:

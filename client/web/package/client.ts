@@ -27,8 +27,6 @@ interface Edit {
   failed: (why: Error) => void;
 }
 
-const FIRST_ID = 2 ** 31;
-
 export class Client {
   world: WorldTold | undefined; // the last that it was in
   figures: Figures | undefined; // of the last iteration
@@ -81,14 +79,14 @@ export class Client {
   /** Such as { op: 'crater', x, z, radius, depth }: server/README.md. The number of the edit; it is made once, whatever is lost on the way. */
   edit(operation: object): Promise<number> {
     return new Promise((done, failed) => {
-      const id = FIRST_ID + ++this.asked, key = Array.from(crypto.getRandomValues(new Uint32Array(4)), (v) => v.toString(16)).join('');
+      const id = ++this.asked, key = Array.from(crypto.getRandomValues(new Uint32Array(4)), (v) => v.toString(16)).join('');
       this.edits.set(id, { key, operation: JSON.stringify(operation), done, failed });
       this.sendEdit(id);
     });
   }
   /** Session seconds a second, 0: it stands; and to which second it jumps. */
   setClock(rate: number, second?: number): void {
-    this.send({ kind: 'set clock', set: { rate, time: second === undefined ? 0 : Math.max(1, Math.round(1e6 * second)), number: ++this.asked } });
+    this.send({ kind: 'set clock', rate, time: second === undefined ? 0 : Math.max(1, Math.round(1e6 * second)) });
   }
   /** Tries to come back at once. */
   hurry(): void {

@@ -38,19 +38,25 @@ export type ToEngine =
   | { kind: 'threshold'; pixels: number }
   | { kind: 'edit'; id: number; key: string; operation: string } // sent if there is a connection
   | { kind: 'brush'; brush: Brush }
+  | { kind: 'act'; act: Act; by: number }
   | { kind: 'heights'; number: number; places: Float64Array<ArrayBuffer> } // x and z of each, steps
-  | { kind: 'set clock'; set: ClockSet }
+  | { kind: 'set clock'; rate: number; time: number } // session seconds a second, 0: it stands; microseconds, 0: no jump
+  | { kind: 'drive'; drive: Drive; by: number } // microseconds
   | { kind: 'hurry' } // try to connect now
   | { kind: 'stop' };
 
-/** What lies under a brush? */
+/** What lies under the brush? */
 export interface Brush {
-  number: number;
   from: Pose;
   towards: Vec3; // through the pointer; any length
-  radius: number; // metres
-  line: readonly Place[]; // whose last piece ends at the brush
+  uses: boolean; // it, there
 }
+
+/** What a person does to the ground and to the session's clock: client/core/hands. `by`: a tool's number, a material's, notches. */
+export const ACTS = ['choose', 'paint', 'widen', 'rest', 'undo', 'end road'] as const, DRIVES = ['toggle', 'slower', 'faster', 'by', 'to'] as const;
+export const TOOLS = ['crater', 'raise', 'lower', 'level', 'smooth', 'road'] as const;
+export type Act = (typeof ACTS)[number];
+export type Drive = (typeof DRIVES)[number];
 
 /** A place on the ground. */
 export interface Place {
@@ -61,9 +67,14 @@ export interface Place {
 
 /** The ground under a brush, of the mesh that is held; nothing where the ray meets none. */
 export interface Touched {
-  at: Place;
   outline: Place[]; // a circle
-  line: Place[]; // of the brush's, with places between its own
+  line: Place[]; // of a road that is being drawn, to the brush
+}
+
+export interface EditingTold {
+  tool: number; // of TOOLS
+  words: string; // what the brush does where it is used
+  mayUndo: boolean;
 }
 
 export interface WorldTold {
@@ -74,24 +85,18 @@ export interface WorldTold {
   lacks: string; // why the page has no functions of the terrain; empty: it has them
   threshold: number; // granted
   takesEdits: boolean;
-  jumpsClock: boolean; // its clock may be set to a time
   map?: { x0: number; z0: number; x1: number; z1: number }; // steps: where a height map lies
 }
 
-/** The session's clock, as the server told of it. */
+/** The session's clock. */
 export interface ClockTold {
   time: number; // microseconds, `at` then
   at: number; // milliseconds since 1970
-  rate: number; // session seconds a second; 0: it stands
+  runs: boolean;
+  rate: number; // session seconds a second, that it runs at, or goes on with
   end: number; // microseconds, of a recording; 0: it is none
-  owner: string; // a camera's number; 0: nobody
-  answers: number; // the ClockSet that this is the answer to; 0: none
-}
-/** How it is to go on; everybody may drive it afterwards. */
-export interface ClockSet {
-  rate: number; // 0: it stands
-  time: number; // microseconds; 0: no jump
-  number: number; // from 1
+  driver: string; // who else has it; empty: nobody
+  jumps: boolean; // it may be set to a time
 }
 
 /** Somebody else in the session. */
@@ -124,10 +129,11 @@ export type FromEngine =
   | { kind: 'world'; world: WorldTold }
   | { kind: 'granted'; threshold: number }
   | { kind: 'clock'; clock: ClockTold }
-  | { kind: 'notice'; sentence: string } // of the session's clock, to this member
+  | { kind: 'notice'; sentence: string } // of what was done to the ground or the clock
+  | { kind: 'editing'; editing: EditingTold }
   | { kind: 'members'; members: MemberTold[] } // all the others
   | { kind: 'edit answer'; id: number; number: number; refusal: string } // number 0: refused
-  | { kind: 'touched'; number: number; touched?: Touched } // the answer to a brush
+  | { kind: 'touched'; touched?: Touched } // the answer to a brush
   | { kind: 'heights'; number: number; metres: Float64Array<ArrayBuffer> } // of the mesh; NaN where it has none
   | ({ kind: 'lost' } & Loss)
   | { kind: 'figures'; figures: Figures }

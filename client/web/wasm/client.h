@@ -8,18 +8,21 @@
 #include <cstddef>
 #include <cstdint>
 #include <deque>
+#include <functional>
 #include <limits>
 #include <map>
-#include <numbers>
 #include <optional>
 #include <span>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "client/core/conversation/reconnector.h"
 #include "client/core/ground/held_edits.h"
+#include "client/core/hands/brush.h"
+#include "client/core/hands/clock_bar.h"
+#include "client/core/hands/editing.h"
 #include "client/core/mesh/follower.h"
-#include "client/core/mesh/mesh_ground.h"
 #include "client/web/wasm/painting.h"
 #include "client/web/wasm/worker.h"
 #include "common/wire/messages.h"
@@ -31,16 +34,8 @@ using Milliseconds = std::chrono::duration<double, std::milli>;
 
 inline constexpr std::size_t kMostPoses = 256;            // without an answer; older ones are forgotten
 inline constexpr std::uint32_t kMostCandidates = 20'000;  // of an iteration
-inline constexpr int kAround = 96;                        // places of a brush's outline
-inline constexpr double kApart = 4;                       // metres between those of a line
-inline constexpr int kMostOfPiece = 256;                  // of them, in a piece of a line
 
 inline Instant instantOf(double now) { return Instant(std::chrono::duration_cast<Instant::duration>(Milliseconds(now))); }
-struct Place {
-  lattice::Point at;
-  double y = 0;  // metres
-};
-inline Object objectOf(const Place& place) { return Object()("x", place.at.x)("z", place.at.z)("y", place.y); }
 inline lattice::Step stepsOf(double v) { return static_cast<lattice::Step>(std::llround(v)); }
 
 class Client {
@@ -53,6 +48,7 @@ class Client {
     core::Url url;
     url.host = host.substr(0, host.rfind(':'));
     url.port = host.substr(host.rfind(':') + 1);
+    host_ = host;
     line_.emplace(std::move(url), std::move(hello), core::Returns::kAlways, random);
     line_->skipSteps(true);
     if (camera_) sendPose(0);
@@ -113,47 +109,52 @@ class Client {
     change();
   }
   void edit(std::uint32_t id, std::string key, std::string operation) {
-    if (!isConnected()) return;
-    conversation().ask(wire::Edit{0, std::move(key), std::move(operation)}, [this, id](const Outcome<wire::EditAnswer>& answer) {
-      if (isEnding_) return;  // the page sends it again over the next line
-      tell(kind("edit answer")("id", id)("number", answer ? answer->number : 0)("refusal", answer ? "" : answer.error().message));
+    ask({0, std::move(key), std::move(operation)}, [id](const Outcome<std::uint64_t>& made) {
+      tell(kind("edit answer")("id", id)("number", made ? *made : 0)("refusal", made ? "" : made.error().message));
     });
   }
-  void setClock(double rate, double microseconds, std::uint32_t number) {
-    if (!isConnected()) return;
-    clockSet_ = number;
-    const auto mode = rate == 0 ? wire::ClockMode::kStepped : rate == 1 ? wire::ClockMode::kRealTime : wire::ClockMode::kScaled;
-    for (const wire::SetClock& set :
-         {wire::SetClock{true, mode, rate, static_cast<std::uint64_t>(microseconds)}, wire::SetClock{.own = false}})
-      if (const core::Wrong wrong = conversation().setClock(set)) return hangUp(*wrong);
+  void setClock(double rate, double microseconds, double now) {
+    set(core::setTo(rate > 0, rate > 0 ? rate : bar_.rate, static_cast<std::uint64_t>(microseconds)), now);
   }
-  // What lies under a brush: where the ray meets the mesh, a circle around it, and the line of a road that ends there.
-  void brush(std::uint32_t number, const ground::Ray& ray, double radius, std::span<const double> line) {
-    Object out = kind("touched")("number", number);
-    if (const auto hit = core::cast(follower_.scene(), ray)) {
-      const double steps = hit->distance * lattice::kStepsPerMetre / std::hypot(ray.directionX, ray.directionY, ray.directionZ);
-      const Place at{{ray.x + stepsOf(ray.directionX * steps), ray.z + stepsOf(ray.directionZ * steps)},
-                     ray.y + ray.directionY * steps * lattice::kMetresPerStep};
-      const auto lay = [&](double x, double z) {
-        const lattice::Point p{at.at.x + stepsOf(x), at.at.z + stepsOf(z)};
-        return objectOf({p, follower_.scene().height(p).value_or(at.y)});
+  // What a person does to the session's clock.
+  enum class Drive : std::uint32_t { kToggle, kSlower, kFaster, kBy, kTo };
+  void drive(Drive drive, double microseconds, double now) {
+    hearClock(now);
+    if (drive == Drive::kToggle) set(core::toggled(bar_), now);
+    if (drive == Drive::kSlower) set(core::faster(bar_, false), now);
+    if (drive == Drive::kFaster) set(core::faster(bar_, true), now);
+    if (drive == Drive::kBy) set(core::movedBy(bar_, static_cast<std::int64_t>(microseconds)), now);
+    if (drive == Drive::kTo) set(core::movedTo(bar_, static_cast<std::uint64_t>(microseconds)), now);
+  }
+  // What a person does to the ground: core::Editing's functions, in its order.
+  enum class Act : std::uint32_t { kChoose, kPaint, kWiden, kRest, kUndo, kEndRoad };
+  void act(Act act, double by) {
+    if (!editing_) return;
+    if (act == Act::kChoose) editing_->choose(static_cast<core::Tool>(by));
+    if (act == Act::kPaint) editing_->paint(static_cast<std::uint32_t>(by));
+    if (act == Act::kWiden) editing_->widen(by);
+    if (act == Act::kRest) editing_->rest();
+    if (act == Act::kUndo) editing_->undo();
+    if (act == Act::kEndRoad) editing_->endRoad();
+    tellEditing();
+  }
+  // What lies under the brush, which may be used there.
+  void brush(const ground::Ray& ray, bool uses) {
+    Object out = kind("touched");
+    const auto at = core::touched(follower_.scene(), ray);
+    if (uses && !at) say("There is no ground.");
+    if (uses && at && editing_) {
+      editing_->use(*at);
+      tellEditing();
+    }
+    if (at && editing_) {
+      const core::Outline outline = core::outlineOf(follower_.scene(), *at, editing_->radius(), editing_->corners());
+      const auto listed = [](const std::vector<core::Spot>& spots) {
+        List list;
+        for (const core::Spot& spot : spots) list(Object()("x", spot.at.x)("z", spot.at.z)("y", spot.y));
+        return list;
       };
-      List outline, between;
-      for (int k = 0; k < kAround; ++k) {
-        const double angle = 2 * std::numbers::pi * k / kAround, r = radius * lattice::kStepsPerMetre;
-        outline(lay(r * std::cos(angle), r * std::sin(angle)));
-      }
-      // Each corner as x and z from the place under the brush, at which the line ends.
-      for (std::size_t k = 0; k + 1 < line.size(); k += 2) {
-        const double x = line[k] - static_cast<double>(at.at.x), z = line[k + 1] - static_cast<double>(at.at.z);
-        const bool isLast = k + 3 >= line.size();
-        const double dx = (isLast ? 0 : line[k + 2] - static_cast<double>(at.at.x)) - x,
-                     dz = (isLast ? 0 : line[k + 3] - static_cast<double>(at.at.z)) - z;
-        const int pieces = std::min(kMostOfPiece, static_cast<int>(std::ceil(std::hypot(dx, dz) * lattice::kMetresPerStep / kApart)));
-        for (int p = 0; p < pieces; ++p) between(lay(x + dx * p / pieces, z + dz * p / pieces));
-        if (isLast) between(objectOf(at));
-      }
-      out("touched", Object()("at", objectOf(at))("outline", outline)("line", between));
+      out("touched", Object()("outline", listed(outline.around))("line", listed(outline.line)));
     }
     tell(out);
   }
@@ -224,12 +225,25 @@ class Client {
     told("lacks", !source.empty()   ? ""
                   : world.heightMap ? "This page has no samples of a height map"
                                     : "The server keeps the terrain to itself");
-    told("threshold", world.settings.threshold)("takesEdits", world.revision >= 4)("jumpsClock", world.revision >= 6);
+    told("threshold", world.settings.threshold)("takesEdits", world.revision >= 4);
     if (world.heightMap) {
       const lattice::Area area = world.heightMap->area();
       told("map", Object()("x0", area.x0)("z0", area.z0)("x1", area.x1)("z1", area.z1));
     }
     tell(kind("world")("world", told));
+    if (std::exchange(editingOf_, host_ + ' ' + world.session) == host_ + ' ' + world.session) {
+      editing_->connected();
+    } else {
+      bar_ = {};
+      editing_.emplace(core::Editing::To{[this](const wire::Edit& edit) {
+                                           ask(edit, [this, id = edit.id](const Outcome<std::uint64_t>& made) {
+                                             editing_->hear(id, made);
+                                             tellEditing();
+                                           });
+                                         },
+                                         say});
+    }
+    tellEditing();
   }
 
   void take(core::Received&& received, double now) {
@@ -265,7 +279,11 @@ class Client {
     core::Conversation& heard = conversation();
     if (std::exchange(seen_.settings, heard.granted()) != heard.granted()) tell(kind("granted")("threshold", heard.granted().threshold));
     if (std::exchange(seen_.members, heard.roster().version()) != heard.roster().version()) tellMembers(heard.roster().others());
-    if (std::exchange(seen_.clock, heard.clock().version()) != heard.clock().version()) tellClock(heard.clock(), now);
+    if (std::exchange(seen_.clock, heard.clock().version()) != heard.clock().version()) {
+      hearClock(now);
+      if (heard.clock().isSettled()) tellClock(now);
+      if (const std::string& notice = heard.clock().said().notice; !notice.empty()) say(notice);
+    }
     if (!edits_) return;
     const core::EditsFound came = heard.takeEditsFound();
     const auto put = [&](const auto& answers) {
@@ -280,7 +298,7 @@ class Client {
     List members;
     for (const auto& [camera, other] : others) {
       Object member;
-      member("camera", std::to_string(camera))("name", other.member.name);
+      member("camera", std::to_string(camera))("name", core::nameOf(other.member));
       if (other.member.moved) {
         const camera::Pose& pose = other.member.moved->pose.camera.pose;
         member("at", Object()("x", pose.x)("y", pose.y)("z", pose.z));
@@ -290,11 +308,33 @@ class Client {
     tell(kind("members")("members", members));
   }
 
-  void tellClock(const core::SessionClock& clock, double now) {
-    const wire::Clock& said = clock.said();
-    tell(kind("clock")("clock", Object()("time", clock.time(instantOf(now)))("at", now)("rate", said.rate)("end", said.end)(
-                                    "owner", std::to_string(said.owner))("answers", clock.isSettled() ? clockSet_ : 0)));
-    if (!said.notice.empty()) tell(kind("notice")("sentence", said.notice));
+  void ask(wire::Edit edit, std::function<void(const Outcome<std::uint64_t>&)> done) {
+    if (!isConnected()) return;
+    conversation().ask(std::move(edit), [this, done = std::move(done)](const Outcome<wire::EditAnswer>& answer) {
+      if (isEnding_) return;  // it is sent again over the next line
+      done(answer ? Outcome<std::uint64_t>(answer->number) : Outcome<std::uint64_t>(answer.error()));
+    });
+  }
+  void tellEditing() {
+    tell(kind("editing")("editing", Object()("tool", static_cast<std::uint32_t>(editing_->tool()))("words", editing_->words())(
+                                        "mayUndo", editing_->mayUndo())));
+  }
+  static void say(const std::string& sentence) { tell(kind("notice")("sentence", sentence)); }
+
+  void hearClock(double now) {
+    if (isConnected() && conversation().clock().version() > 0)
+      bar_.hear(conversation().clock(), conversation().world(), conversation().roster().others(), instantOf(now));
+  }
+  void set(const wire::SetClock& set, double now) {
+    if (const std::string why = isConnected() ? bar_.refusal(set) : core::ClockBar().refusal(set); !why.empty()) return say(why);
+    for (const wire::SetClock& one : {set, wire::SetClock{.own = false}})
+      if (const core::Wrong wrong = conversation().setClock(one)) return hangUp(*wrong);
+    bar_.goOn(set);
+    tellClock(now);
+  }
+  void tellClock(double now) {
+    tell(kind("clock")("clock", Object()("time", bar_.time)("at", now)("runs", bar_.runs)("rate", bar_.rate)("end", bar_.end)(
+                                    "driver", bar_.driver)("jumps", bar_.jumps)));
   }
 
   void tellFigures() {
@@ -358,7 +398,10 @@ class Client {
   std::uint32_t number_ = 0;                            // the page's, of the newest pose
   std::uint64_t sequence_ = 0;                          // the stream's
   std::deque<std::pair<std::uint64_t, double>> poses_;  // without an answer: their sequences, and when they were sent
-  std::uint32_t clockSet_ = 0;
+  std::string host_;
+  std::optional<core::Editing> editing_;
+  std::string editingOf_;  // which host and session
+  core::ClockBar bar_;
   bool hasMesh_ = false;
   std::uint64_t contentHash_ = 0;  // of what is held
   core::Follower follower_;

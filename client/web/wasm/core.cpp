@@ -63,12 +63,11 @@ EXPORT(edit) void edit(std::uint32_t id, std::size_t key, std::size_t operation)
   std::string name = texts.text(key);
   client.edit(id, std::move(name), texts.text(operation));
 }
-EXPORT(setClock) void setClock(double rate, double microseconds, std::uint32_t number) { client.setClock(rate, microseconds, number); }
-// Given: x and z of a line's corners, as doubles.
-EXPORT(brush)
-void brush(std::uint32_t number, double x, double z, double y, double dx, double dy, double dz, double radius, std::size_t corners) {
-  const ground::Ray ray{stepsOf(x), stepsOf(z), y, dx, dy, dz, 1e6};
-  client.brush(number, ray, radius, {reinterpret_cast<const double*>(given.data()), 2 * corners});
+EXPORT(setClock) void setClock(double rate, double microseconds, double now) { client.setClock(rate, microseconds, now); }
+EXPORT(drive) void drive(Client::Drive drive, double microseconds, double now) { client.drive(drive, microseconds, now); }
+EXPORT(act) void act(Client::Act act, double by) { client.act(act, by); }
+EXPORT(brush) void brush(double x, double z, double y, double dx, double dy, double dz, bool uses) {
+  client.brush({stepsOf(x), stepsOf(z), y, dx, dy, dz, 1e6}, uses);
 }
 // Given: x and z of places, as doubles. So many doubles.
 EXPORT(heights) const double* heights(std::size_t places) {

@@ -253,7 +253,7 @@ test('steps do not wait for a page, and one that is passed over is told', async 
   await viewer.page.waitForFunction(() => /^Guest \d+ owns it$/.test(document.getElementById('clock-driver')!.textContent!));
   assert.ok(await viewer.page.isDisabled('#clock-pause'));
   await viewer.page.keyboard.press('KeyZ');
-  await viewer.said(/^Guest \d+ owns the clock$/);
+  await viewer.said(/^Guest \d+ owns the clock\.$/);
   socket.onclose = null;
   socket.close();
   assert.deepEqual(viewer.complaints, []);

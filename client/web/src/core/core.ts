@@ -1,7 +1,7 @@
 // The client's core, compiled from C++ to WebAssembly (wasm/core.cpp): what is said to a server and heard from it, the mesh, the ground
 // that edits made. No sockets and no timers. Where its memory ends, its functions throw a WebAssembly.RuntimeError, and it is of no use.
 
-import type { Brush, Camera, ClockSet, DrawnLeaf, FromEngine, LeafAddress, ToPainterFromEngine } from '../messages';
+import { ACTS, type Act, type Brush, type Camera, DRIVES, type DrawnLeaf, type Drive, type FromEngine, type LeafAddress, type ToPainterFromEngine } from '../messages';
 import type { DracoDecode } from './draco';
 
 /** What a core has others do. */
@@ -34,8 +34,10 @@ interface Functions {
   candidates(wanted: number): void;
   threshold(pixels: number): void;
   edit(id: number, key: number, operation: number): void;
-  setClock(rate: number, time: number, number: number): void;
-  brush(number: number, x: number, z: number, y: number, dx: number, dy: number, dz: number, radius: number, corners: number): void;
+  setClock(rate: number, time: number, now: number): void;
+  drive(drive: number, microseconds: number, now: number): void;
+  act(act: number, by: number): void;
+  brush(x: number, z: number, y: number, dx: number, dy: number, dz: number, uses: number): void;
   heights(places: number): number;
   taken(): void;
 }
@@ -77,7 +79,8 @@ export class Core {
       draco: (at: number, bytes: number, triangles: number) => this.decode(this.bytes(at, bytes), triangles),
     };
     const nowhere = (): number => 8; // EBADF: there are no files
-    const wasi = { fd_close: nowhere, fd_seek: nowhere, fd_write: nowhere };
+    const random_get = (at: number, bytes: number): number => (crypto.getRandomValues(this.bytes(at, bytes)), 0);
+    const wasi = { fd_close: nowhere, fd_seek: nowhere, fd_write: nowhere, random_get };
     this.wasm = new WebAssembly.Instance(module, { page: imports, wasi_snapshot_preview1: wasi }).exports as unknown as Functions;
     this.wasm._initialize();
   }
@@ -129,17 +132,23 @@ export class Core {
     const sizes = this.give(key, operation);
     this.wasm.edit(id, sizes[0]!, sizes[1]!);
   }
-  setClock({ rate, time, number }: ClockSet): void {
-    this.wasm.setClock(rate, time, number);
+  setClock(rate: number, time: number): void {
+    this.wasm.setClock(rate, time, now());
   }
-  brush({ number, from, towards, radius, line }: Brush): void {
-    this.give(new Uint8Array(Float64Array.from(line.flatMap(({ x, z }) => [x, z])).buffer));
-    this.wasm.brush(number, from.x, from.z, from.y, ...towards, radius, line.length);
+  drive(drive: Drive, by: number): void {
+    this.wasm.drive(DRIVES.indexOf(drive), by, now());
+  }
+  act(act: Act, by: number): void {
+    this.wasm.act(ACTS.indexOf(act), by);
+  }
+  brush({ from, towards, uses }: Brush): void {
+    this.wasm.brush(from.x, from.z, from.y, ...towards, Number(uses));
   }
   /** Metres of the mesh at places, x and z of each in steps; NaN where it has none. */
   heights(places: Float64Array): Float64Array<ArrayBuffer> {
     this.give(new Uint8Array(places.buffer, places.byteOffset, places.byteLength));
-    return new Float64Array(this.wasm.memory.buffer, this.wasm.heights(places.length / 2), places.length / 2).slice();
+    const at = this.wasm.heights(places.length / 2); // before the buffer is looked at: memory may grow
+    return new Float64Array(this.wasm.memory.buffer, at, places.length / 2).slice();
   }
   taken(): void {
     this.wasm.taken();

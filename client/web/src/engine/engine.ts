@@ -64,13 +64,17 @@ export class Engine {
       case 'edit':
         return this.say((core) => core.edit(message.id, message.key, message.operation));
       case 'brush':
-        return this.core ? this.say((core) => core.brush(message.brush)) : this.tell({ kind: 'touched', number: message.brush.number });
+        return this.core ? this.say((core) => core.brush(message.brush)) : this.tell({ kind: 'touched' });
+      case 'act':
+        return this.say((core) => core.act(message.act, message.by));
       case 'heights': {
         const metres = this.core?.heights(message.places) ?? message.places.filter((_, k) => k % 2 === 0).fill(NaN);
         return this.tell({ kind: 'heights', number: message.number, metres });
       }
       case 'set clock':
-        return this.say((core) => core.setClock(message.set));
+        return this.say((core) => core.setClock(message.rate, message.time));
+      case 'drive':
+        return this.say((core) => core.drive(message.drive, message.by));
       case 'hurry':
         return this.say((core) => core.hurry());
       case 'stop':

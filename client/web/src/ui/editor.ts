@@ -1,9 +1,8 @@
 // The edit mode of the page: a brush on the ground below the pointer, or in the middle of the picture where there is none, the tools in the
-// bar, and what is told to the engine. What they do is in editing.ts.
+// bar, and what is told to the engine. What they do is in client/core/hands.
 
-import type { Place, ToEngine, Touched, WorldTold } from '../messages';
+import { type Act, type EditingTold, TOOLS, type ToEngine, type Touched, type WorldTold } from '../messages';
 import { samePose } from '../render/view';
-import { Editing, Tool } from './editing';
 import type { Hands } from './hands';
 import { element } from './notices';
 import { Frame, pathOf, towards } from './outline';
@@ -14,37 +13,31 @@ interface Tap {
   x: number;
   y: number;
 }
-/** What becomes of the place that the engine is asked for. */
-type Purpose = 'show' | 'use' | 'end';
-
-const newKey = (): string => Array.from(crypto.getRandomValues(new Uint8Array(16)), (byte) => byte.toString(16).padStart(2, '0')).join('');
 
 export class Editor {
   on = false;
-  private readonly editing: Editing;
   private readonly bar = element('edit');
   private readonly tools = this.bar.querySelectorAll<HTMLButtonElement>('[data-tool]');
   private pointer: Tap | undefined; // over the picture
   private pressed: Tap | undefined;
   private frame: Frame | undefined; // the last
   private touched: Touched | undefined;
-  private asked = 0;
-  private readonly waiting: Purpose[] = []; // of what was asked and not answered, in its order
+  private told: EditingTold | undefined;
+  private waits = 0; // brushes that were not answered
   private shown = ''; // what the last brush was asked for
 
   constructor(
     private readonly canvas: HTMLCanvasElement,
     private readonly hands: Hands,
-    private readonly to: { engine: (message: ToEngine) => void; say: (sentence: string) => void },
+    private readonly engine: (message: ToEngine) => void,
   ) {
-    this.editing = new Editing({ send: (edit) => to.engine({ kind: 'edit', ...edit }), say: to.say, newKey });
-    for (const button of this.tools) button.addEventListener('click', () => this.act(() => this.editing.choose(button.dataset['tool'] as Tool)));
+    for (const button of this.tools) button.addEventListener('click', () => this.act('choose', TOOLS.findIndex((tool) => tool === button.dataset['tool'])));
     const material = element<HTMLSelectElement>('material');
     material.addEventListener('change', () => {
-      this.editing.material = material.value;
+      this.act('paint', material.selectedIndex);
       canvas.focus({ preventScroll: true });
     });
-    for (const [id, act] of Object.entries({ narrower: () => this.widen(-1), wider: () => this.widen(1), here: () => this.ask('use', this.at), 'end-road': () => this.endRoad(), undo: () => this.undo() }))
+    for (const [id, act] of Object.entries({ narrower: () => this.widen(-1), wider: () => this.widen(1), here: () => this.ask(true, this.at), 'end-road': () => this.endRoad(), undo: () => this.undo() }))
       element(id).addEventListener('click', act);
     // Who clicks goes on flying; keys keep the focus where it is.
     this.bar.addEventListener('click', (event) => event.detail > 0 && event.target !== material && canvas.focus({ preventScroll: true }));
@@ -65,35 +58,28 @@ export class Editor {
     return '';
   }
   end(): void {
-    this.editing.rest();
+    this.act('rest');
     this.show(false);
   }
 
-  connected({ session }: WorldTold): void {
-    this.editing.connected(session);
+  hear(told: EditingTold): void {
+    this.told = told;
+    this.shown = '';
+    this.show(this.on);
   }
-  answered(id: number, number: number, refusal: string): void {
-    this.act(() => this.editing.hear(id, number, refusal));
-  }
-
   touch(touched: Touched | undefined): void {
-    const purpose = this.waiting.shift();
-    if (!this.on) return;
-    this.touched = touched;
-    if (purpose === 'use' && !touched) this.to.say('There is no ground.');
-    if (purpose === 'use' && touched) this.act(() => this.editing.use(touched.at));
-    if (purpose === 'end') this.act(() => this.editing.endRoad());
+    --this.waits;
+    if (this.on) this.touched = touched;
   }
 
   widen(notches: number): void {
-    if (this.on) this.act(() => this.editing.widen(notches));
+    this.act('widen', notches);
   }
   undo(): void {
-    if (this.on) this.act(() => this.editing.undo());
+    this.act('undo');
   }
-  /** With the clicks before it. */
   endRoad(): void {
-    if (this.on) this.ask('end', this.at);
+    this.act('end road');
   }
 
   /** `changes`: of the mesh. */
@@ -101,10 +87,10 @@ export class Editor {
     const hasMoved = !this.frame || !samePose(this.frame.pose, frame.pose) || this.frame.width !== frame.width || this.frame.height !== frame.height;
     this.frame = frame;
     if (!this.on) return;
-    const { at, editing } = this, wanted = `${at.x} ${at.y} ${editing.radius} ${editing.line.length} ${editing.tool} ${changes}`;
-    if ((hasMoved || wanted !== this.shown) && this.waiting.length === 0) {
+    const { at } = this, wanted = `${at.x} ${at.y} ${changes}`;
+    if ((hasMoved || wanted !== this.shown) && this.waits === 0) {
       this.shown = wanted;
-      this.ask('show', at);
+      this.ask(false, at);
     }
     const outline = this.touched ? pathOf(this.touched.outline, frame, true) : '', line = this.touched ? pathOf(this.touched.line, frame, false) : '';
     for (const path of element('brush').querySelectorAll('path')) path.setAttribute('d', outline + line);
@@ -115,21 +101,19 @@ export class Editor {
     return this.pointer ?? { x: innerWidth / 2, y: innerHeight / 2 };
   }
 
-  private ask(purpose: Purpose, { x, y }: Tap): void {
-    const { frame, editing } = this;
+  private ask(uses: boolean, { x, y }: Tap): void {
+    const { frame } = this;
     if (!frame) return;
-    this.waiting.push(purpose);
-    const line: readonly Place[] = editing.tool === 'road' ? editing.line : [];
-    this.to.engine({ kind: 'brush', brush: { number: ++this.asked, from: frame.pose, towards: towards(frame, x, y), radius: editing.radius, line } });
+    ++this.waits;
+    this.engine({ kind: 'brush', brush: { from: frame.pose, towards: towards(frame, x, y), uses } });
   }
 
-  private act(what: () => void): void {
-    what();
-    this.show(this.on);
+  private act(act: Act, by = 0): void {
+    if (this.on) this.engine({ kind: 'act', act, by });
   }
 
   private show(on: boolean): void {
-    const { editing } = this;
+    const { told } = this, tool = TOOLS[told?.tool ?? 0];
     this.on = on;
     this.hands.onWheel = on ? (notches) => this.widen(notches) : undefined;
     this.canvas.classList.toggle('edited', on);
@@ -138,10 +122,10 @@ export class Editor {
     document.documentElement.classList.toggle('edits', on);
     if (!on) this.touched = undefined;
     element('brush').toggleAttribute('hidden', !on);
-    for (const button of this.tools) button.setAttribute('aria-pressed', String(button.dataset['tool'] === editing.tool));
-    element('brush-words').textContent = editing.words;
-    element<HTMLButtonElement>('undo').disabled = !editing.mayUndo;
-    element('end-road').hidden = editing.tool !== 'road';
+    for (const button of this.tools) button.setAttribute('aria-pressed', String(button.dataset['tool'] === tool));
+    element('brush-words').textContent = told?.words ?? '';
+    element<HTMLButtonElement>('undo').disabled = !told?.mayUndo;
+    element('end-road').hidden = tool !== 'road';
   }
 
   private listen(): void {
@@ -157,7 +141,7 @@ export class Editor {
     canvas.addEventListener('pointerup', (event) => {
       const { pressed } = this;
       this.pressed = undefined;
-      if (pressed && isClick(event) && Math.hypot(event.clientX - pressed.x, event.clientY - pressed.y) <= STILL) this.ask('use', { x: event.clientX, y: event.clientY });
+      if (pressed && isClick(event) && Math.hypot(event.clientX - pressed.x, event.clientY - pressed.y) <= STILL) this.ask(true, { x: event.clientX, y: event.clientY });
     });
     canvas.addEventListener('dblclick', () => this.endRoad());
   }

@@ -3,7 +3,7 @@
 import type { MemberTold } from '../messages';
 import { memberColour } from '../render/colours';
 import { View, forwardOf, rightOf, tangentsOf, upOf } from '../render/view';
-import { distanceText, nameOf } from './people';
+import { distanceText } from './people';
 
 const MOST = 64; // labels; the nearest are shown
 
@@ -48,7 +48,7 @@ export class Members {
         this.parent.append(label);
         this.labels.set(m.camera, label);
       }
-      const text = `${nameOf(m)} · ${distanceText(distance)}`;
+      const text = `${m.name} · ${distanceText(distance)}`;
       if (label.textContent !== text) label.textContent = text;
       label.hidden = false;
       const px = ((x / depth / tx + 1) / 2) * width, py = ((1 - y / depth / ty) / 2) * height;

@@ -6,9 +6,8 @@ import { memberColour } from '../render/colours';
 import { element } from './notices';
 import { remember, remembered } from './memory';
 
-const UNNAMED = 'ridgecast-web', PROGRAM = 'ridgecast-'; // how names begin that nobody gave
+const UNNAMED = 'ridgecast-web'; // core::nameOf() calls it a guest
 
-export const nameOf = ({ name, camera }: MemberTold): string => (name && !name.startsWith(PROGRAM) ? name : `Guest ${camera}`);
 export const distanceText = (metres: number): string => (metres < 1000 ? `${Math.round(metres)} m` : `${(metres / 1000).toLocaleString('en', { maximumFractionDigits: 1 })} km`);
 
 export class People {
@@ -59,7 +58,7 @@ export class People {
   }
 
   private fill(item: HTMLElement, member: MemberTold, metres: number): void {
-    const text = `${nameOf(member)}${Number.isFinite(metres) ? ` · ${distanceText(metres)}` : ''}`;
+    const text = `${member.name}${Number.isFinite(metres) ? ` · ${distanceText(metres)}` : ''}`;
     if (item.dataset['of'] === member.camera && item.textContent === text) return;
     item.dataset['of'] = member.camera;
     const button = item.querySelector('button') ?? item.appendChild(document.createElement('button')), dot = document.createElement('i');

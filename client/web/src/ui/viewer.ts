@@ -73,10 +73,10 @@ export class Viewer {
       (message) => this.hearPainter(message),
       (sentence) => this.fail('No pictures', `${sentence || 'The part of the page that draws could not be loaded.'} Reload it.`),
     );
-    this.editor = new Editor(this.canvas, this.hands, { engine: (message) => this.engine.send(message), say: (sentence) => this.notices.note(sentence, 8000) });
+    this.editor = new Editor(this.canvas, this.hands, (message) => this.engine.send(message));
     this.toolbar = new Toolbar({ mode: (mode) => this.setMode(mode), toggle: (name) => this.toggle(name), threshold: (pixelsOfError) => this.setThreshold(pixelsOfError) });
     this.worlds = new Worlds({ goTo: (world) => this.goTo(world), jump: (to) => this.jump(to) });
-    this.clock = new Clock({ set: (set) => this.engine.send({ kind: 'set clock', set }), say: (sentence) => this.notices.note(sentence), isConnected: () => !this.engine.lost });
+    this.clock = new Clock((drive, by) => this.engine.send({ kind: 'drive', drive, by }));
     this.people = new People({ fly: (to) => (this.flying.pose = beside(this.flying.pose, to)), renamed: () => this.connect() });
     this.people.take(this.place.name);
     this.listen();
@@ -211,20 +211,19 @@ export class Viewer {
         return this.members.set(message.members);
       case 'granted':
         return this.toolbar.showThreshold(message.threshold);
-      case 'edit answer':
-        return this.editor.answered(message.id, message.number, message.refusal);
+      case 'editing':
+        return this.editor.hear(message.editing);
       case 'touched':
         return this.editor.touch(message.touched);
       case 'clock':
-        return this.clock.set(message.clock, this.engine.others);
+        return this.clock.set(message.clock);
       case 'notice':
-        return this.notices.note(message.sentence, 12_000);
+        return this.notices.note(message.sentence, 8000);
     }
   }
 
   private enter(world: WorldTold): void {
     const { terrain, seed, session, lacks, threshold, map } = world;
-    this.editor.connected(world);
     this.clock.enter(world);
     this.makingSince = 0;
     clearTimeout(this.losing);

@@ -166,9 +166,9 @@ TEST(Editor, ARoadIsDrawnFromItsCornersToTheBrush) {
   editor.toggle();
   const camera::Camera camera = looking(0, -0.5);
   EditRequests road;
-  road.tool = Tool::kRoad;
+  road.tool = core::Tool::kRoad;
   editor.grant(road, camera);
-  EXPECT_EQ(state.edit.tool, Tool::kRoad);
+  EXPECT_EQ(state.edit.tool, core::Tool::kRoad);
   const auto draw = [&](double x, double y) {
     editor.update(camera, Editor::Pointer{x, y}, 1);
     return state.edit.lines.size();
@@ -259,6 +259,24 @@ TEST(Editor, WhoShowsATokenIsToldWhetherItMayEdit) {
     EXPECT_TRUE(head.starts_with("DELETE /v1/sessions/default/edits/0 HTTP/1.1\r\n")) << head;
     EXPECT_NE(head.find("Authorization: Bearer secret\r\n"), std::string::npos);
     client.reset();
+  }
+}
+
+TEST(Brush, ThroughAPlaceOfTheWindowOneSeesWhatIsShownThere) {
+  std::mt19937_64 random(5);
+  std::uniform_real_distribution<double> any(-1, 1);
+  for (int k = 0; k < 1000; ++k) {
+    camera::Camera camera;
+    camera.pose.yaw = 3 * any(random);
+    camera.pose.pitch = 1.5 * any(random);
+    camera.projection.width = 640;
+    camera.projection.height = 360;
+    const double x = 0.5 + 0.5 * any(random), y = 0.5 + 0.5 * any(random), metres = 100 * (2 + any(random));
+    const camera::Vec3 d = towards(camera, x, y);
+    const auto spot = spotOf(camera, {d.x * metres, d.y * metres, d.z * metres});
+    ASSERT_TRUE(spot);
+    EXPECT_NEAR(spot->x, x, 1e-9);
+    EXPECT_NEAR(spot->y, y, 1e-9);
   }
 }
 

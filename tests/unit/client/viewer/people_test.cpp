@@ -14,7 +14,7 @@ std::string named(std::uint64_t camera, const std::string& name) {
   wire::Member member;
   member.camera = camera;
   member.name = name;
-  return nameOf(member);
+  return core::nameOf(member);
 }
 
 TEST(People, HaveTheNamesThatTheyGaveOrANumber) {

@@ -1,25 +1,33 @@
-// The core in WebAssembly, without a socket: the recorded stream of proto/example, hashes as PROTOCOL.md gives them, what lies under a
-// brush, frames that are none, and the end of memory. What the core is, its C++ tests judge.
+// The core in WebAssembly, without a socket: the recorded stream of proto/example, hashes as PROTOCOL.md gives them, a person's hands,
+// frames that are none, and the end of memory. What the core is, its C++ tests judge.
 
-import { fromBinary } from '@bufbuild/protobuf';
+import { type MessageInitShape, create, fromBinary, toBinary } from '@bufbuild/protobuf';
 import assert from 'node:assert/strict';
 import { readFileSync } from 'node:fs';
 import { join } from 'node:path';
 import { test } from 'node:test';
 import { Core } from '../../../../client/web/src/core/core';
-import { ClientMessageSchema } from '../../../../client/web/src/generated/ridgecast/v1/stream_pb';
-import type { Brush, Camera, FromEngine, Place, ToPainterFromEngine } from '../../../../client/web/src/messages';
+import { ClientMessageSchema, ClockSchema, ServerMessageSchema } from '../../../../client/web/src/generated/ridgecast/v1/stream_pb';
+import { type Act, type Camera, type FromEngine, TOOLS, type ToPainterFromEngine, type Touched } from '../../../../client/web/src/messages';
 import type { Pose } from '../../../../client/web/src/render/view';
 import { pathOf, towards } from '../../../../client/web/src/ui/outline';
 import { Copy, hashLeaf, hashTerm, hashVertex, mix, parts } from '../../../support/web';
 
 const file = (name: string): Buffer => readFileSync(join(process.env['RIDGECAST_SOURCE']!, 'proto', name));
 const loaded = await parts();
+const textOf = (bytes: Uint8Array): string => new TextDecoder().decode(bytes);
 
 function frames(): Uint8Array[] {
   const stream = file('example/stream.bin'), out: Uint8Array[] = [];
   for (let at = 0; at < stream.length; at += 4 + stream.readUInt32LE(at)) out.push(Uint8Array.from(stream.subarray(at + 4, at + 4 + stream.readUInt32LE(at))));
   return out;
+}
+
+/** The recording's world, of a server of today. */
+function worldOfToday(): Uint8Array {
+  const world = fromBinary(ServerMessageSchema, frames()[0]!);
+  if (world.kind.case === 'world') world.kind.value.revision = 6;
+  return toBinary(ServerMessageSchema, world);
 }
 
 /** A core whose line has been opened, and what it says. */
@@ -88,40 +96,83 @@ test('the recorded stream becomes its mesh, on the screen too', () => {
   assert.deepEqual(sent.flatMap(({ case: kind, value }) => (kind === 'acknowledge' ? [value.meshHash.toString(16)] : [])), said.map(([, , , , hash]) => hash));
 });
 
-test('a ray meets the mesh where it is, and the outline and the line lie on it', () => {
-  const held = new Held(), heights = (p: Place): number | undefined => {
-    for (const { leaf } of held.copy.leaves.values()) {
-      const side = 2 ** (13 + leaf.address.level), x = p.x - leaf.address.i * side, z = p.z - leaf.address.j * side;
-      if (x < leaf.low[0] || x > leaf.high[0] || z < leaf.low[1] || z > leaf.high[1]) continue;
-      for (const t of held.copy.trianglesOf(leaf.key)) {
-        const weight = (a: number, b: number): number => (t[b + 1]! - t[a + 1]!) * (x - t[a]!) - (t[b]! - t[a]!) * (z - t[a + 1]!);
-        const [a, b, c] = [weight(3, 6), weight(6, 0), weight(0, 3)] as const;
-        if (a >= 0 && b >= 0 && c >= 0) return (a * t[2]! + b * t[5]! + c * t[8]!) / (a + b + c) / 256;
-      }
-    }
-    return undefined;
+const eye: Pose = { x: 40_000, z: 60_000, remainderX: 0.5, remainderZ: 0.25, y: 0, yaw: 0.1, pitch: -0.7 }, window = { pose: eye, width: 640, height: 360, verticalFov: 1 };
+
+test('the brush lies on the ground below the pointer, and what it makes is sent, answered and undone', () => {
+  const held = new Held();
+  [worldOfToday(), ...frames().slice(1)].forEach((frame) => held.hear(frame));
+  eye.y = held.core.heights(Float64Array.of(eye.x, eye.z))[0]! + 300;
+  const brush = (x: number, y: number, uses: boolean): Touched | undefined => {
+    held.core.brush({ from: eye, towards: towards(window, x, y), uses });
+    held.core.step();
+    return held.last('touched')!.touched;
   };
-  frames().forEach((frame) => held.hear(frame));
-  const eye: Pose = { x: 40_000, z: 60_000, remainderX: 0.5, remainderZ: 0.25, y: 0, yaw: 0.1, pitch: -0.7 }, frame = { pose: eye, width: 640, height: 360, verticalFov: 1 };
-  eye.y = heights({ ...eye })! + 300;
-  const ask = (brush: Brush): NonNullable<ReturnType<typeof held.last<'touched'>>> => {
-    held.core.brush(brush);
-    return held.last('touched')!;
+  const sent = (): { id: bigint; key: string; operation: { op: string; x: number; z: number; material?: string; line?: number[][]; edit?: number } }[] =>
+    held.sent.map((frame) => fromBinary(ClientMessageSchema, frame).kind).flatMap(({ case: kind, value }) => (kind === 'edit' ? [{ id: value.id, key: textOf(value.key), operation: JSON.parse(textOf(value.operation)) }] : []));
+  const answer = (number: number, refusal = ''): void => held.hear(toBinary(ServerMessageSchema, create(ServerMessageSchema, { kind: { case: 'editAnswer', value: { id: sent().at(-1)!.id, number: BigInt(number), refusal: new TextEncoder().encode(refusal) } } })));
+  const act = (act: Act, by = 0): void => {
+    held.core.act(act, by);
+    held.core.step();
   };
-  for (const [x, y] of [[320, 180], [200, 200], [400, 300]] as const) {
-    const corner: Place = { x: eye.x - 3000, z: eye.z - 9000, y: 0 }, middle: Place = { x: eye.x + 2000, z: eye.z - 12_000, y: 0 };
-    const { at, outline, line } = ask({ number: 1, from: eye, towards: towards(frame, x, y), radius: 2, line: [corner, middle] }).touched!;
-    assert.ok(Math.abs(at.y - heights(at)!) < 0.1, `${at.y - heights(at)!} m above the mesh`);
-    for (const p of [...outline, ...line.slice(0, -1)]) assert.ok(Math.abs(p.y - heights(p)!) < 1e-6);
-    for (const p of outline) assert.ok(Math.abs(Math.hypot(p.x - at.x, p.z - at.z) - 512) < 1);
-    // On the ray: seen from the eye, the place lies below the pointer.
-    const path = pathOf([at, at], frame, false), [px, py] = /^M([\d.]+) ([\d.]+)/.exec(path)!.slice(1).map(Number);
-    assert.ok(Math.hypot(px! - x, py! - y) < 0.2, `${path} is not ${x} ${y}`);
-    assert.deepEqual([line[0]!.x, line[0]!.z, line.at(-1)], [corner.x, corner.z, at]);
-    assert.ok(line.some((p) => p.x === middle.x && p.z === middle.z));
-    for (let k = 1; k < line.length; ++k) assert.ok(Math.hypot(line[k]!.x - line[k - 1]!.x, line[k]!.z - line[k - 1]!.z) <= 4 * 256 + 2);
-  }
-  assert.equal(ask({ number: 2, from: eye, towards: [0, 1, 0], radius: 2, line: [] }).touched, undefined, 'the sky');
+
+  assert.deepEqual(held.last('editing')!.editing, { tool: 0, words: 'radius 8 m, 2.7 m deep', mayUndo: false });
+  act('choose', TOOLS.indexOf('raise'));
+  act('paint', 3);
+  act('widen', -5);
+  assert.match(held.last('editing')!.editing.words, /^radius 4 m, up 1 m$/);
+  const { outline, line } = brush(320, 180, true)!, box = pathOf(outline, window, true).match(/[\d.]+ [\d.]+/g)!.map((p) => p.split(' ').map(Number));
+  assert.equal(line.length, 0);
+  assert.ok(box.some(([x]) => x! < 320) && box.some(([x]) => x! > 320) && box.some(([, y]) => y! < 180) && box.some(([, y]) => y! > 180), 'around the pointer');
+  const [{ operation, key }] = sent() as [ReturnType<typeof sent>[0]], middle = outline.reduce((sum, p) => ({ x: sum.x + p.x / outline.length, z: sum.z + p.z / outline.length }), { x: 0, z: 0 });
+  assert.deepEqual([operation.op, operation.material], ['raise', 'gravel']);
+  assert.ok(Math.hypot(256 * operation.x - middle.x, 256 * operation.z - middle.z) < 2);
+  answer(7);
+  assert.equal(held.last('notice')!.sentence, 'Edit 7 made.');
+  assert.equal(held.last('editing')!.editing.mayUndo, true);
+
+  act('undo');
+  assert.deepEqual(sent()[1]!.operation, { op: 'undo', edit: 7 });
+  // Not answered: it goes again over the next line, under the same key.
+  held.core.closed('it was cut');
+  held.core.hurry();
+  held.core.step();
+  held.core.opened();
+  held.hear(worldOfToday());
+  assert.deepEqual(sent()[2]!.operation, { op: 'undo', edit: 7 });
+  assert.equal(sent()[2]!.key, sent()[1]!.key);
+  assert.notEqual(sent()[2]!.key, key);
+  assert.match(key, /^[0-9a-f]{32}$/);
+  answer(0, 'No.');
+  assert.equal(held.last('notice')!.sentence, 'No.');
+
+  act('choose', TOOLS.indexOf('road'));
+  brush(200, 200, true);
+  brush(400, 300, true);
+  assert.ok(brush(320, 200, false)!.line.length > 2);
+  act('end road');
+  assert.equal(sent()[3]!.operation.line!.length, 2);
+  held.core.brush({ from: eye, towards: [0, 1, 0], uses: true });
+  assert.equal(held.last('touched')!.touched, undefined);
+  assert.equal(held.last('notice')!.sentence, 'There is no ground.');
+});
+
+test('the clock goes on as it is driven, and who may not drive it is told why', () => {
+  const held = new Held(), said = (): unknown[] => held.sent.map((frame) => fromBinary(ClientMessageSchema, frame).kind).flatMap(({ case: kind, value }) => (kind === 'setClock' ? [[value.own, value.rate, value.time]] : []));
+  held.core.drive('toggle', 0);
+  assert.equal(held.last('notice')!.sentence, 'No connection to a server with a clock.');
+  held.hear(worldOfToday());
+  const clock = (value: MessageInitShape<typeof ClockSchema>): void => held.hear(toBinary(ServerMessageSchema, create(ServerMessageSchema, { kind: { case: 'clock', value } })));
+  clock({ mode: 1, rate: 1, time: 60_000_000n });
+  assert.deepEqual([held.last('clock')!.clock.runs, held.last('clock')!.clock.rate], [true, 1]);
+  held.core.drive('faster', 0);
+  held.core.step();
+  assert.deepEqual(said(), [[true, 2, 0n], [false, 1, 0n]], 'taken, and left to all');
+  assert.equal(held.last('clock')!.clock.rate, 2, 'before the server answers');
+  held.core.drive('toggle', 0);
+  assert.deepEqual([held.last('clock')!.clock.runs, held.last('clock')!.clock.rate], [false, 2]);
+  clock({ mode: 1, rate: 1, time: 61_000_000n, owner: 99n });
+  held.core.drive('toggle', 0);
+  assert.equal(held.last('notice')!.sentence, 'Member 99 owns the clock.');
 });
 
 test('frames that are none end the line in a sentence, and what was held is resumed over the next', () => {

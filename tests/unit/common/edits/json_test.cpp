@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <nlohmann/json.hpp>
+#include <random>
 #include <string>
 
 namespace ridgecast::edits {
@@ -18,6 +20,17 @@ TEST(EditJson, ComesBackAsItWas) {
     const auto back = fromJson(toJson(o));
     ASSERT_TRUE(back) << toJson(o) << back.error().message;
     EXPECT_EQ(*back, o) << toJson(o);
+  }
+}
+
+TEST(EditJson, IsWrittenAsALibraryWritesIt) {
+  std::mt19937_64 random(7);
+  for (int k = 0; k < 100'000; ++k) {
+    // Within 8,000 km: farther away the library may find a number with fewer digits.
+    const auto steps = [&] { return static_cast<lattice::Step>(random() >> (33 + random() % 31)) * (random() % 2 == 0 ? 1 : -1); };
+    const Operation o{Crater{{steps(), steps()}, steps(), static_cast<std::int32_t>(steps() / 256)},
+                      static_cast<std::uint32_t>(random() % 9)};
+    ASSERT_EQ(nlohmann::json::parse(toJson(o)).dump(), toJson(o));
   }
 }
 

@@ -1,20 +1,46 @@
-#include "client/viewer/clock_bar.h"
+#include "client/core/hands/clock_bar.h"
 
 #include <algorithm>
 #include <cstdio>
 
 #include "common/wire/wire.h"
 
-namespace ridgecast::viewer {
-
-namespace {
+namespace ridgecast::core {
 
 wire::SetClock setTo(bool runs, double rate, std::uint64_t time) {
   using enum wire::ClockMode;
   return {true, !runs ? kStepped : rate == 1 ? kRealTime : kScaled, rate, time};
 }
 
-}  // namespace
+void ClockBar::hear(const SessionClock& clock, const wire::World& world, const std::map<std::uint64_t, Other>& others,
+                    SessionClock::Instant now) {
+  const wire::Clock& said = clock.said();
+  if (!known) on = said.end != 0;  // whoever looks at a recording wants it
+  known = true;
+  jumps = world.revision >= 6;
+  end = said.end;
+  if (clock.isSettled()) {
+    time = clock.time(now);
+    runs = said.rate > 0;
+    if (runs) rate = said.rate;
+  }
+  driver.clear();
+  if (said.owner == 0 || said.owner == world.camera) return;
+  const auto owner = others.find(said.owner);
+  driver = owner != others.end() ? nameOf(owner->second.member) : "Member " + std::to_string(said.owner);
+}
+
+std::string ClockBar::refusal(const wire::SetClock& set) const {
+  if (!known) return "No connection to a server with a clock.";
+  if (set.time != 0 && !jumps) return "This server is too old to set its clock to a time.";
+  return driver.empty() ? "" : driver + " owns the clock.";
+}
+
+void ClockBar::goOn(const wire::SetClock& set) {
+  runs = set.mode != wire::ClockMode::kStepped;
+  rate = set.rate;
+  if (set.time != 0) time = set.time;
+}
 
 std::string clockText(std::uint64_t microseconds) {
   const auto tenths = static_cast<unsigned long long>(microseconds / 100'000), minutes = tenths / 600;
@@ -50,4 +76,4 @@ wire::SetClock movedTo(const ClockBar& clock, std::uint64_t microseconds) {
   return setTo(clock.runs, clock.rate, std::clamp<std::uint64_t>(microseconds, 1, clock.end == 0 ? wire::kMaxTime : clock.end));
 }
 
-}  // namespace ridgecast::viewer
+}  // namespace ridgecast::core

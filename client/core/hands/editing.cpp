@@ -1,14 +1,17 @@
-#include "client/viewer/editing.h"
+#include "client/core/hands/editing.h"
+
+#include <unistd.h>
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <cstdlib>
+#include <string_view>
 #include <utility>
 
 #include "common/edits/json.h"
+#include "common/text/text.h"
 
-namespace ridgecast::viewer {
+namespace ridgecast::core {
 namespace {
 
 using lattice::Step;
@@ -27,22 +30,26 @@ double apart(const lattice::Vertex& a, const lattice::Vertex& b) {
 
 // Two digits that count.
 std::string metres(double steps) {
-  char text[40];
-  std::snprintf(text, sizeof text, "%.2g", steps * lattice::kMetresPerStep);
-  std::snprintf(text, sizeof text, "%g m", std::strtod(text, nullptr));
-  return text;
+  const double length = steps * lattice::kMetresPerStep, unit = std::pow(10, std::floor(std::log10(length)) - 1);
+  return text::rounded(std::round(length / unit) * unit, 6) + " m";
 }
 
 // Somebody else undid it, or nobody can any more.
 bool isOver(const std::string& refusal) {
-  unsigned long long number = 0;
-  int read = 0;
-  if (std::sscanf(refusal.c_str(), "Edit %llu%n", &number, &read) != 1) return false;
-  const std::string rest = refusal.substr(static_cast<std::size_t>(read));
+  constexpr std::string_view kEdit = "Edit ";
+  if (!refusal.starts_with(kEdit)) return false;
+  const std::string_view rest =
+      std::string_view(refusal).substr(std::min(refusal.find_first_not_of("0123456789", kEdit.size()), refusal.size()));
   return rest.starts_with(" is undone already") || rest.starts_with(" was compacted");
 }
 
 }  // namespace
+
+std::string randomKey() {
+  std::uint64_t random[2];
+  if (getentropy(random, sizeof random) != 0) std::abort();
+  return text::hexadecimal(random[0]) + text::hexadecimal(random[1]);
+}
 
 std::int32_t Editing::depth() const { return static_cast<std::int32_t>(std::max<Step>(1, std::llround(static_cast<double>(radius_) / 3))); }
 std::int32_t Editing::rise() const { return static_cast<std::int32_t>(std::llround(static_cast<double>(radius_) / 4)); }
@@ -125,7 +132,9 @@ void Editing::hear(std::uint64_t id, const Outcome<std::uint64_t>& made) {
 void Editing::connected() {
   const auto dropped = std::erase_if(open_, [](const Open& o) { return o.times >= kMostTimes; });
   if (dropped > 0) to_.say("The connection was lost again and again before an edit was answered; check whether it was made.");
-  for (Open& open : open_) send(open);
+  std::vector<wire::Edit> again;
+  for (Open& open : open_) ++open.times, again.push_back(open.edit);
+  for (const wire::Edit& edit : again) to_.send(edit);
 }
 
 edits::Operation Editing::operationAt(const lattice::Vertex& at) const {
@@ -148,13 +157,10 @@ bool Editing::ask(const edits::Operation& operation, std::uint64_t undoes) {
     to_.say("The server has not answered " + std::to_string(kMostOpen) + " edits yet; try again in a moment.");
     return false;
   }
-  send(open_.emplace_back(Open{{++ids_, to_.newKey(), edits::toJson(operation)}, undoes, 0}));
+  const wire::Edit edit{++ids_, to_.newKey(), edits::toJson(operation)};
+  open_.push_back({edit, undoes, 1});
+  to_.send(edit);
   return true;
 }
 
-void Editing::send(Open& open) {
-  ++open.times;
-  to_.send(open.edit);
-}
-
-}  // namespace ridgecast::viewer
+}  // namespace ridgecast::core

@@ -1,14 +1,17 @@
 #pragma once
-// The session's clock in the window: what is shown of it, and what buttons and keys ask of the server. As on the page
-// (client/web/src/ui/clock.ts). Values only.
+// The session's clock, in window and page: what is shown of it, and what buttons and keys ask of the server. It is taken for as long as
+// that takes, so that everybody may drive it. Values only.
 
 #include <cstdint>
+#include <map>
 #include <optional>
 #include <string>
 
+#include "client/core/conversation/roster.h"
+#include "client/core/conversation/session_clock.h"
 #include "common/wire/messages.h"
 
-namespace ridgecast::viewer {
+namespace ridgecast::core {
 
 inline constexpr double kSlowestClock = 0.25, kFastestClock = 16;  // session seconds a second
 inline constexpr std::int64_t kClockSkip = 10'000'000;             // microseconds
@@ -23,11 +26,20 @@ struct ClockBar {
   std::string driver{};               // who else has it; empty: nobody
   std::optional<float> dragged = {};  // seconds, where the slider is held
   bool isOver() const { return end != 0 && time >= end; }
+
+  // `others`: who else is there.
+  void hear(const SessionClock& clock, const wire::World& world, const std::map<std::uint64_t, Other>& others, SessionClock::Instant now);
+  // Why it cannot be set so, in a sentence; empty: it can.
+  std::string refusal(const wire::SetClock& set) const;
+  // It was set so: the next key, which may be pressed before the server answers, goes on from there.
+  void goOn(const wire::SetClock& set);
 };
 
 std::string clockText(std::uint64_t microseconds);  // "1:02.3", "1:00:02.3"; tenths, rounded down
 std::string rateText(double rate);                  // "0.25 x"
 
+// Time 0: no jump.
+wire::SetClock setTo(bool runs, double rate, std::uint64_t time);
 // Pauses it or lets it go on; a recording that is over begins again.
 wire::SetClock toggled(const ClockBar& clock);
 // Twice as fast, or half.
@@ -36,4 +48,4 @@ wire::SetClock faster(const ClockBar& clock, bool isFaster);
 wire::SetClock movedBy(const ClockBar& clock, std::int64_t microseconds);
 wire::SetClock movedTo(const ClockBar& clock, std::uint64_t microseconds);
 
-}  // namespace ridgecast::viewer
+}  // namespace ridgecast::core

@@ -1,19 +1,16 @@
-// The edit mode without a window: what a brush makes, how edits wait for their answers, and what an undo undoes; as the page's
-// (tests/unit/client/web/editing.test.ts). And where a place of the window lies in the world.
-#include "client/viewer/editing.h"
+// The edit mode without a window or a page: what a brush makes, how edits wait for their answers, and what an undo undoes.
+#include "client/core/hands/editing.h"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
 #include <nlohmann/json.hpp>
-#include <random>
 #include <string>
 #include <vector>
 
-#include "client/viewer/project.h"
 #include "common/edits/json.h"
 
-namespace ridgecast::viewer {
+namespace ridgecast::core {
 namespace {
 
 using Json = nlohmann::json;
@@ -209,23 +206,5 @@ TEST(Editing, OnlySoManyWait) {
   EXPECT_EQ(page.editing.corners().size(), 2u) << "the road that was refused is still there";
 }
 
-TEST(Brush, ThroughAPlaceOfTheWindowOneSeesWhatIsShownThere) {
-  std::mt19937_64 random(5);
-  std::uniform_real_distribution<double> any(-1, 1);
-  for (int k = 0; k < 1000; ++k) {
-    camera::Camera camera;
-    camera.pose.yaw = 3 * any(random);
-    camera.pose.pitch = 1.5 * any(random);
-    camera.projection.width = 640;
-    camera.projection.height = 360;
-    const double x = 0.5 + 0.5 * any(random), y = 0.5 + 0.5 * any(random), metres = 100 * (2 + any(random));
-    const camera::Vec3 d = towards(camera, x, y);
-    const auto spot = spotOf(camera, {d.x * metres, d.y * metres, d.z * metres});
-    ASSERT_TRUE(spot);
-    EXPECT_NEAR(spot->x, x, 1e-9);
-    EXPECT_NEAR(spot->y, y, 1e-9);
-  }
-}
-
 }  // namespace
-}  // namespace ridgecast::viewer
+}  // namespace ridgecast::core

@@ -1,7 +1,7 @@
 #pragma once
-// What a person does to the ground, without a window, as on the page (client/web/src/ui/editing.ts): the brush and its radius, the corners
-// of a road, edits that wait for their answers, and what may be undone. An edit that is not answered goes again over the next connection;
-// by its key it is made once. Values only. Bounds: kMostCorners corners, kMostOpen edits without an answer, kMostUndone to undo.
+// What a person does to the ground, of window and page: the brush and its radius, the corners of a road, edits that wait for their answers,
+// and what may be undone. An edit that is not answered goes again over the next connection; by its key it is made once. Values only.
+// Bounds: kMostCorners corners, kMostOpen edits without an answer, kMostUndone to undo.
 
 #include <array>
 #include <cstdint>
@@ -15,10 +15,12 @@
 #include "common/outcome/outcome.h"
 #include "common/wire/messages.h"
 
-namespace ridgecast::viewer {
+namespace ridgecast::core {
 
 enum class Tool { kCrater, kRaise, kLower, kLevel, kSmooth, kRoad };
 inline constexpr std::array<const char*, 6> kToolNames{"Crater", "Raise", "Lower", "Level", "Smooth", "Road"};
+
+std::string randomKey();  // unlike any other, of anybody
 
 class Editing {
  public:
@@ -26,9 +28,9 @@ class Editing {
   static constexpr int kMostTimes = 3;  // that an edit is sent
 
   struct To {
-    std::function<void(const wire::Edit& edit)> send;
+    std::function<void(const wire::Edit& edit)> send;  // hear() may follow before it returns
     std::function<void(const std::string& sentence)> say;
-    std::function<std::string()> newKey;  // unlike any other, of anybody
+    std::function<std::string()> newKey = randomKey;
   };
   explicit Editing(To to) : to_(std::move(to)) {}
 
@@ -65,7 +67,6 @@ class Editing {
   std::int32_t rise() const;
   void undoEdit();
   bool ask(const edits::Operation& operation, std::uint64_t undoes = 0);
-  void send(Open& open);
   void keep(std::uint64_t number);
 
   const To to_;
@@ -78,4 +79,4 @@ class Editing {
   std::uint64_t ids_ = 0;
 };
 
-}  // namespace ridgecast::viewer
+}  // namespace ridgecast::core
