@@ -1,20 +1,24 @@
 #include "client/evaluation/evaluate.h"
 
+#include <spawn.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
 #include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <cstdio>
 #include <fstream>
+#include <nlohmann/json.hpp>
 #include <system_error>
 #include <thread>
 #include <utility>
 
+#include "client/evaluation/embedded.h"
 #include "client/evaluation/fly.h"
 #include "client/evaluation/others.h"
 #include "client/evaluation/own_server.h"
-#include "client/evaluation/paths.h"
 #include "client/evaluation/plan.h"
-#include "client/evaluation/report.h"
 #include "client/evaluation/text_file.h"
 #include "client/evaluation/views.h"
 #include "client/exit/exit.h"
@@ -31,7 +35,7 @@ constexpr std::uint32_t kViewBudget = 510'000, kFlightBudget = 500'000;
 constexpr std::size_t kMostReferences = 32;  // of one terrain: more than a flight's pictures
 
 std::string_view pathOf(const std::string& terrain) {
-  return terrain == "alpine" ? paths::alpine : terrain == "canyon" ? paths::canyon : paths::archipelago;
+  return terrain == "alpine" ? embedded::alpine : terrain == "canyon" ? embedded::canyon : embedded::archipelago;
 }
 
 std::string processorName() {
@@ -103,23 +107,47 @@ class Evaluation {
     return kSuccess;
   }
 
+  // Of the parts that have results: names them in parts.json, and leaves it to report.py.
   int report() {
-    std::vector<Run> runs;
-    for (const PlannedFlight& planned : plan_.flights)
-      if (std::filesystem::exists(resultOf(planned))) runs.push_back(planned.run);
-    std::vector<std::filesystem::path> views;
+    nlohmann::json parts{{"flights", nlohmann::json::array()}, {"views", nlohmann::json::array()}};
+    const auto nameOf = [this](const std::filesystem::path& folder) { return folder.lexically_relative(out_).string(); };
+    for (const PlannedFlight& planned : plan_.flights) {
+      const Run& run = planned.run;
+      if (std::filesystem::exists(resultOf(planned)))
+        parts["flights"].push_back({{"name", run.name},
+                                    {"terrain", run.terrain},
+                                    {"metric", run.metric},
+                                    {"threshold", run.threshold},
+                                    {"threads", run.threads},
+                                    {"repeat", run.repeat},
+                                    {"folder", nameOf(run.folder)}});
+    }
     for (const PlannedView& planned : plan_.views)
-      if (std::filesystem::exists(resultOf(planned))) views.push_back(planned.folder);
-    if (runs.empty() && views.empty()) return fail(kBadInput, {"no results yet in " + out_.string()});
-    const std::size_t all = plan_.flights.size() + plan_.views.size(), there = runs.size() + views.size();
+      if (std::filesystem::exists(resultOf(planned))) parts["views"].push_back(nameOf(planned.folder));
+    const std::size_t all = plan_.flights.size() + plan_.views.size(), there = parts["flights"].size() + parts["views"].size();
+    if (there == 0) return fail(kBadInput, {"no results yet in " + out_.string()});
     if (there < all) machine_ += "; " + std::to_string(there) + " of its " + std::to_string(all) + " parts";
-    if (auto written = writeReport(runs, views, out_, machine_); !written) return fail(kRuntimeFailure, written.error());
+    parts["machine"] = machine_;
+    if (const int code = wrote(writeText(out_ / "parts.json", parts.dump(2) + "\n")); code != kSuccess) return code;
+    const std::filesystem::path script = out_ / "report.py";
+    if (const int code = wrote(writeText(script, embedded::report)); code != kSuccess) return code;
+    if (const int code = run(script); code != kSuccess) return code;
     std::fprintf(stderr, "%s, after %.0f s\n", (out_ / "report.html").c_str(), seconds());
     return kSuccess;
   }
 
  private:
   double seconds() const { return std::chrono::duration<double>(Clock::now() - began_).count(); }
+  // By Debian's Python, which has the packages that apt installs; it says what is wrong.
+  static int run(const std::filesystem::path& script) {
+    std::string python = "/usr/bin/python3", file = script.string();
+    char* arguments[] = {python.data(), file.data(), nullptr};
+    pid_t child = 0;
+    int status = 0;
+    if (posix_spawn(&child, python.c_str(), nullptr, nullptr, arguments, environ) != 0)
+      return fail(kRuntimeFailure, {"the results are there, but not their report: install python3-matplotlib, and run it again with --report"});
+    return waitpid(child, &status, 0) == child && status == 0 ? kSuccess : kRuntimeFailure;
+  }
   static int wrote(const Outcome<void>& written) { return written ? kSuccess : fail(kBadInput, written.error()); }
 
   // A measurement with its own server and folder.

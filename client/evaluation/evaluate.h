@@ -1,6 +1,6 @@
 #pragma once
-// `ridgecast-client evaluate`: measures cameras at rest and flights over predefined ground with its own servers. Writes CSV, SVG plots, one
-// HTML page that needs no network, and a document of the same tables.
+// `ridgecast-client evaluate`: measures cameras at rest and flights over predefined ground with its own servers. report.py, which
+// it leaves there, writes CSV, SVG plots, one HTML page that needs no network, and a document of the same tables.
 
 #include <cstdint>
 #include <filesystem>

@@ -1,25 +1,17 @@
 #include "client/evaluation/results.h"
 
 #include <cmath>
-#include <fstream>
 #include <nlohmann/json.hpp>
-#include <type_traits>
-
-#include "client/evaluation/text_file.h"
-#include "client/evaluation/view_numbers.h"
 
 namespace ridgecast::evaluation {
 namespace {
 
 using OrderedJson = nlohmann::ordered_json;
 
-enum class In { kAlways, kIfMeasured, kNoTable };  // kNoTable: nor among the numbers of runs.csv
-
-template <class Given, class Value>
-concept Is = std::is_same_v<std::remove_const_t<Given>, Value>;
+enum class In { kAlways, kIfMeasured };
 
 // The keys of summary.json.
-void eachField(Is<FlightSummary> auto& s, const auto& field) {
+void eachField(const FlightSummary& s, const auto& field) {
   field("frames", s.frames.count);
   field("ssim_mean", s.mean.ssim);
   field("ssim_min", s.frames.least);
@@ -33,7 +25,7 @@ void eachField(Is<FlightSummary> auto& s, const auto& field) {
   field("ssim_settled_terrain", s.settled.terrain);
   field("ssim_settled_unfiltered", s.settled.unfiltered, In::kIfMeasured);
   field("ssim_settled_corrected", s.settled.corrected, In::kIfMeasured);
-  field("terrain_share", s.terrainShare, In::kNoTable);
+  field("terrain_share", s.terrainShare);
   field("triangles", s.triangles);
   field("iterations_per_second", s.iterationsPerSecond);
   field("mesh_frame_ms", s.mesh.ms);
@@ -43,7 +35,7 @@ void eachField(Is<FlightSummary> auto& s, const auto& field) {
   field("raymarch_frame_ms", s.raymarch.ms);
   field("raymarch_frame_cpu_ms", s.raymarch.cpuMs);
   field("bytes_received", s.bytesReceived);
-  field("reconnections", s.reconnections, In::kNoTable);
+  field("reconnections", s.reconnections);
   field("iterations", s.iterations);
   field("hash_mismatches", s.hashMismatches);
   field("settled", s.isSettled);
@@ -52,8 +44,8 @@ void eachField(Is<FlightSummary> auto& s, const auto& field) {
   field("latency_ms_mean", s.latencyMsMean);
   field("latency_ms_max", s.latencyMsMax);
   field("metric", s.settings.metric);
-  field("threshold", s.settings.threshold, In::kNoTable);
-  field("budget", s.settings.budget, In::kNoTable);
+  field("threshold", s.settings.threshold);
+  field("budget", s.settings.budget);
   field("width", s.settings.width);
   field("height", s.settings.height);
   field("samples", s.settings.samples);
@@ -63,14 +55,14 @@ void eachField(Is<FlightSummary> auto& s, const auto& field) {
   field("pacing", s.settings.pacing);
   field("path", s.settings.path);
   field("terrain", s.settings.terrain);
-  field("seed", s.settings.seed, In::kNoTable);
-  field("horizon", s.settings.horizon, In::kNoTable);
+  field("seed", s.settings.seed);
+  field("horizon", s.settings.horizon);
   field("server", s.settings.server);
   field("gl_renderer", s.settings.renderer);
 }
 
 // The keys of a line of iterations.jsonl.
-void eachField(Is<IterationResult> auto& r, const auto& field) {
+void eachField(const IterationResult& r, const auto& field) {
   field("iteration", r.number);
   field("pose", r.pose);
   field("t", r.t);
@@ -111,42 +103,9 @@ std::string write(const auto& results, int indent) {
   return out.dump(indent, ' ', false, OrderedJson::error_handler_t::replace) + "\n";
 }
 
-// False: it is no object.
-bool read(const std::string& text, auto& results) {
-  const OrderedJson json = OrderedJson::parse(text, nullptr, false);
-  eachField(results, [&](const char* key, auto& value, In = In::kAlways) {
-    if (const auto it = json.find(key); it != json.end() && !it->is_null()) it->get_to(value);
-  });
-  return json.is_object();
-}
-
 }  // namespace
-
-Outcome<FlightResults> readResults(const Run& run) {
-  FlightResults out{run, {}, {}, othersOf(run.folder)};
-  const std::filesystem::path file = run.folder / "summary.json";
-  if (!read(readText(file), out.summary)) return Error{file.string() + " is broken; remove the folder to fly it again"};
-  std::ifstream lines(run.folder / "iterations.jsonl");
-  for (std::string line; std::getline(lines, line);)
-    if (IterationResult one; read(line, one)) out.iterations.push_back(one);
-  return out;
-}
-
-double othersOf(const std::filesystem::path& folder) {
-  const auto json = nlohmann::json::parse(readText(folder / "machine.json"), nullptr, false);
-  return json.is_object() ? number(json, "others") : kNothing;
-}
 
 std::string asJson(const FlightSummary& summary) { return write(summary, 2); }
 std::string asJson(const IterationResult& result) { return write(result, -1); }
-
-std::vector<std::pair<std::string, double>> numbersOf(const FlightSummary& summary) {
-  std::vector<std::pair<std::string, double>> out;
-  eachField(summary, [&]<class Value>(const char* key, const Value& value, In in = In::kAlways) {
-    if constexpr (std::is_arithmetic_v<Value> && !std::is_same_v<Value, bool>)
-      if (in != In::kNoTable) out.emplace_back(key, static_cast<double>(value));
-  });
-  return out;
-}
 
 }  // namespace ridgecast::evaluation

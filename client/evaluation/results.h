@@ -1,16 +1,13 @@
 #pragma once
-// The results of a flight, as its folder keeps them: summary.json, iterations.jsonl and machine.json. What was not measured is kNothing.
+// The results of a flight, as its folder keeps them: summary.json and iterations.jsonl. What was not measured is kNothing.
 
-#include <array>
 #include <cstdint>
 #include <filesystem>
 #include <map>
 #include <string>
-#include <utility>
 #include <vector>
 
-#include "client/evaluation/table.h"
-#include "common/outcome/outcome.h"
+#include "client/evaluation/numbers.h"
 #include "common/wire/messages.h"
 
 namespace ridgecast::evaluation {
@@ -23,9 +20,6 @@ struct Run {
   int repeat = 1;
   std::filesystem::path folder;  // with summary.json, iterations.jsonl and pictures, as `fly` leaves them
 };
-
-// Of all its repeats.
-inline std::string settingOf(const Run& run) { return run.name.substr(0, run.name.rfind("-r")); }
 
 // SSIM of the mesh against the ray march of the same camera.
 struct Likeness {
@@ -91,32 +85,7 @@ struct IterationResult {
   double uploadMs = kNothing, drawMs = kNothing;  // making leaves and bringing the graphics card up to date, and drawing
 };
 
-struct Stage {
-  const char* name;
-  double (*ms)(const IterationResult&);
-};
-inline constexpr std::array<Stage, 6> kStages = {{{"select", [](const IterationResult& i) { return i.figures.selectMs; }},
-                                                  {"generate", [](const IterationResult& i) { return i.figures.generateMs; }},
-                                                  {"refine", [](const IterationResult& i) { return i.figures.refineMs; }},
-                                                  {"triangulate", [](const IterationResult& i) { return i.figures.triangulateMs; }},
-                                                  {"encode", [](const IterationResult& i) { return i.figures.encodeMs; }},
-                                                  {"apply", [](const IterationResult& i) { return i.applyMs; }}}};
-
-struct FlightResults {
-  Run run;
-  FlightSummary summary;
-  std::vector<IterationResult> iterations;
-  double others = kNothing;  // see othersOf
-};
-
-// Throws nlohmann::json::exception where another version wrote them. Error: summary.json cannot be read.
-Outcome<FlightResults> readResults(const Run& run);
-// The share of the machine that other programs took while what is in the folder was measured.
-double othersOf(const std::filesystem::path& folder);
-
 std::string asJson(const FlightSummary& summary);   // the text of summary.json
 std::string asJson(const IterationResult& result);  // a line of iterations.jsonl
-// The results that are numbers, by their keys in summary.json; always the same keys.
-std::vector<std::pair<std::string, double>> numbersOf(const FlightSummary& summary);
 
 }  // namespace ridgecast::evaluation
