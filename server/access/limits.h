@@ -2,7 +2,6 @@
 // How many and how often: counts by client, and rates.
 
 #include <algorithm>
-#include <chrono>
 #include <cstdint>
 #include <map>
 #include <memory>
@@ -13,25 +12,6 @@
 #include "server/access/network.h"
 
 namespace ridgecast::access {
-
-// At most so many a second on average, twice as many at once. Not synchronised: one owner.
-class Rate {
- public:
-  using Clock = std::chrono::steady_clock;
-  explicit Rate(double perSecond) : perSecond_(perSecond), left_(2 * perSecond) {}  // 0: no limit
-  bool take(Clock::time_point now) {
-    if (perSecond_ <= 0) return true;
-    left_ = std::min(2 * perSecond_, left_ + perSecond_ * std::chrono::duration<double>(now - last_).count());
-    last_ = now;
-    if (left_ < 1) return false;
-    left_ -= 1;
-    return true;
-  }
-
- private:
-  double perSecond_, left_;
-  Clock::time_point last_ = Clock::now();
-};
 
 // Connections of each client. One entry for each client that has any. Any thread.
 class ConnectionsByAddress {

@@ -139,7 +139,7 @@ void addLimits(CLI::App& app, Written& w) {
   addNumber(app, "--max-header-bytes", c.net.maxHeaderBytes, "Longest header of an HTTP request", 1024, 65536);
   addNumber(app, "--max-message-bytes", c.net.maxMessageBytes, "Longest message of a client", 1024, wire::kMaxClientMessageBytes);
   app.add_option("--max-messages-per-second", c.net.maxMessagesPerSecond,
-                 "Messages of one client a second on average, twice as many in bursts; 0: unlimited")
+                 "Messages of one connection that are read in a second; 0: unlimited")
       ->capture_default_str();
   addNumber(app, "--max-triangles", c.limits.mesh.maxBudget, "Largest triangle budget a client is granted", 10'000, 50'000'000);
   addNumber(app, "--max-total-triangles", c.limits.maxTotalTriangles,

@@ -5,6 +5,7 @@
 #include <set>
 #include <utility>
 
+#include "common/outcome/contract.h"
 #include "common/points/guess.h"
 
 namespace ridgecast::encoding {
@@ -28,6 +29,7 @@ std::vector<bool>& unknownVertices(std::size_t capacity) {
 }  // namespace
 
 std::vector<std::uint8_t> HeldPoints::update(const replica::Changes& changes, pipeline::IteratingMesh& mesh, News& news) {
+  expects(mesh.surface().mesh != nullptr, "points are those of a triangulation");
   if (changes.anew) {
     beginAnew(changes, mesh);
     for (const mesh::LeafState& leaf : mesh.leaves()) compareLeaf(leaf.address, mesh);

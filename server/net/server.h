@@ -12,7 +12,7 @@
 //   request header         maxHeaderBytes             HTTP 431
 //   TLS, request, hello    timeout each              closed; for hello with an error
 //   client message         maxMessageBytes            Error, close 1009
-//   messages a second      maxMessagesPerSecond (bursts: twice that)   Error, close 1008
+//   messages a second      maxMessagesPerSecond       the next is read later; of pings and pongs: Error, close 1008
 //   bytes of messages      session::kMessageBytesPerSecond, of a client   the next is read once those are paid for
 //   token                  its expiry, or a reload    Error, close 1008
 //   queued messages        kMaxQueuedMessages         closed (does not happen: a session keeps to its window)

@@ -27,6 +27,7 @@ using beast::error_code;
 
 // Time for the client to read an error and answer the close.
 constexpr std::chrono::seconds kFarewellTimeout{3};
+constexpr std::chrono::seconds kMostDebt{1};  // of pings and pongs
 
 // What an error is to the WebSocket and in the metrics.
 std::pair<websocket::close_code, metrics::Refusal> meaningOf(wire::ErrorCode code) {
@@ -76,7 +77,7 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
         session_(std::move(session)),
         peer_(std::move(peer)),
         grant_(std::move(grant)),
-        rate_(shared_->settings.maxMessagesPerSecond) {
+        frames_(shared_->settings.maxMessagesPerSecond) {
     shared_->figures->streams.Increment();
     shared_->figures->streamsOpen.Increment(1);
   }
@@ -174,7 +175,7 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
 
   // Once the last message is paid for.
   void readNext() {
-    const auto free = budgets_->messages.free();
+    const auto free = std::max(budgets_->messages.free(), frames_.free());
     if (free <= conversation::Budget::Clock::now()) return read();
     pause_.expires_at(free);
     pause_.async_wait([self = shared_from_this()](error_code ec) {
@@ -182,12 +183,13 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
     });
   }
 
-  // One message more; pings and pongs are messages too.
-  bool isInTime() {
-    if (rate_.take(access::Rate::Clock::now())) return true;
+  // A ping or a pong, amid a read: it cannot wait for its time as messages do.
+  void hasReadControl() {
+    const auto now = conversation::Budget::Clock::now();
+    frames_.spend(now, 1);
+    if (frames_.free() <= now + kMostDebt) return;
     const std::string most = std::to_string(shared_->settings.maxMessagesPerSecond);
-    fail(metrics::Refusal::kMessageRate, {wire::ErrorCode::kLimit, "More than " + most + " messages a second, the limit."});
-    return false;
+    fail(metrics::Refusal::kMessageRate, {wire::ErrorCode::kLimit, "More than " + most + " pings and pongs a second, the limit."});
   }
 
   void hasRead(error_code ec) {
@@ -204,13 +206,14 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
     if (!ws_.is_message_done()) return read();
     shared_->figures->messagesReceived.Increment();
     shared_->figures->bytesReceived.Increment(buffer_.size());
-    if (!isInTime()) return;
     if (ws_.got_text())
       return fail(metrics::Refusal::kMalformed,
                   {wire::ErrorCode::kMalformed, "A text message came; messages are binary, one protobuf ClientMessage each."},
                   websocket::close_code::unknown_data);
     const auto bytes = buffer_.cdata();
-    budgets_->messages.spend(access::Rate::Clock::now(), bytes.size());
+    const auto now = conversation::Budget::Clock::now();
+    budgets_->messages.spend(now, bytes.size());
+    frames_.spend(now, 1);
     auto message = wire::decodeClient({static_cast<const std::uint8_t*>(bytes.data()), bytes.size()});
     buffer_.clear();
     if (!message) return fail({wire::ErrorCode::kMalformed, message.error().message});
@@ -338,7 +341,7 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
   const std::shared_ptr<session::Session> session_;
   const std::string peer_;
   access::Grant grant_;
-  access::Rate rate_;
+  conversation::Budget frames_;
   std::shared_ptr<session::Budgets> budgets_;
   beast::http::request<beast::http::empty_body> request_;
   Stage stage_ = Stage::kAccepting;
@@ -399,7 +402,7 @@ void Stream::accepted(error_code ec) {
                 {wire::ErrorCode::kLimit, "No hello came within " + std::to_string(self.shared_->settings.timeout.count()) + " ms."});
   });
   ws_.control_callback([this](websocket::frame_type kind, beast::string_view) {  // called amid a read
-    if (kind != websocket::frame_type::close && stage_ == Stage::kOpen) isInTime();
+    if (kind != websocket::frame_type::close && stage_ == Stage::kOpen) hasReadControl();
   });
   read();
 }

@@ -51,18 +51,16 @@ TEST_F(SlowDisk, EditsStopNoCamera) {
   camera.pose.y = 900;
   flier.step(camera);
   std::atomic<int> acknowledged{0};
-  std::atomic<bool> isOver{false};
   std::vector<std::jthread> editors;  // one of whom always waits
   for (int k = 0; k < 4; ++k)
-    editors.emplace_back([&, k] {
-      for (int n = 0; !isOver; ++n) acknowledged += edit(4000 + 100 * k + n).find(" 201 ") != std::string::npos;
+    editors.emplace_back([&, k](const std::stop_token& stop) {
+      for (int n = 0; !stop.stop_requested(); ++n) acknowledged += edit(4000 + 100 * k + n).find(" 201 ") != std::string::npos;
     });
   int steps = 0;
   for (; acknowledged < 40; ++steps) {  // in ten writes or more
     camera.pose.x += 10;
     flier.step(camera);
   }
-  isOver = true;
   editors.clear();
   std::printf("%d iterations while at least 10 writes of %d ms were made\n", steps, kSync);
   EXPECT_GE(steps, 50) << "the camera waits for the disk";

@@ -8,24 +8,6 @@
 namespace ridgecast::access {
 namespace {
 
-using namespace std::chrono_literals;
-
-TEST(Rate, LetsThroughWhatItSays) {
-  Rate rate(10);
-  auto now = Rate::Clock::now();
-  int taken = 0;
-  for (int k = 0; k < 100; ++k) taken += rate.take(now);
-  EXPECT_EQ(taken, 20);
-  for (int k = 0; k < 10'000; ++k) taken += rate.take(now += 1ms);
-  EXPECT_NEAR(taken, 120, 2);
-  taken = 0;
-  now += 1h;
-  for (int k = 0; k < 100; ++k) taken += rate.take(now);
-  EXPECT_EQ(taken, 20);
-  Rate none(0);
-  for (int k = 0; k < 100; ++k) EXPECT_TRUE(none.take(now));
-}
-
 TEST(ConnectionsByAddress, CountsEachClientAlone) {
   const Address a = *parseAddress("192.0.2.1"), b = *parseAddress("192.0.2.2");
   ConnectionsByAddress connectionsByAddress(2);
