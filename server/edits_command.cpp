@@ -161,7 +161,7 @@ Outcome<Line> parseLine(const std::string& text, std::uint64_t last) {
     if (!(isText && value.is_string()) && !(isNumber && value.is_number_integer()) && name != "edit")
       return Error{"\"" + name.substr(0, 64) + "\" is not one of number, key, author, name, time and edit, or has another type"};
     if ((name == "author" || name == "name") && !edits::isFitForAuthor(value.get<std::string>()))
-      return Error{"its \"" + name + "\" is one that no client accepts: at most " + std::to_string(edits::kMostAuthorBytes) +
+      return Error{"its \"" + name + "\" is one that no client accepts: at most " + std::to_string(edits::kMaxAuthorBytes) +
                    " bytes, no control characters"};
   }
   out.key = json.value("key", "");

@@ -40,7 +40,7 @@ void rc_standing_close(rc_standing* standing) { delete standing; }
 rc_status rc_standing_move(rc_standing* standing, const double* places, size_t count) {
   return guarded([&] {
     if (!standing || (count > 0 && !places)) return fail(RC_INVALID, "there is no ground, or there are no places");
-    if (count > standing::kMostBodies) return fail(RC_INVALID, "there is ground for at most 100000 bodies");
+    if (count > standing::kMaxBodies) return fail(RC_INVALID, "there is ground for at most 100000 bodies");
     std::vector<lattice::Point> bodies(count);
     for (std::size_t k = 0; k < count; ++k) {
       const auto x = query::toSteps(places[2 * k]), z = query::toSteps(places[2 * k + 1]);

@@ -26,8 +26,8 @@ rc_status eachPart(const rc_terrain& terrain, const double* places, std::size_t 
     for (std::size_t k = 0; k < n; ++k) {
       const double* place = places + 2 * (first + k);
       const double atX = std::floor(place[0] * lattice::kStepsPerMetre + 0.5), atZ = std::floor(place[1] * lattice::kStepsPerMetre + 0.5);
-      constexpr double kMost = lattice::kMaxPosition;
-      if (!(std::abs(atX) <= kMost && std::abs(atZ) <= kMost)) return beyond(first + k);
+      constexpr double kMax = lattice::kMaxPosition;
+      if (!(std::abs(atX) <= kMax && std::abs(atZ) <= kMax)) return beyond(first + k);
       x[k] = static_cast<lattice::Step>(atX);
       z[k] = static_cast<lattice::Step>(atZ);
     }

@@ -32,7 +32,7 @@ using Clock = std::chrono::steady_clock;
 
 // Triangles. Both have at most 500,000: a view's settled mesh fills 98 % of its budget.
 constexpr std::uint32_t kViewBudget = 510'000, kFlightBudget = 500'000;
-constexpr std::size_t kMostReferences = 32;  // of one terrain: more than a flight's pictures
+constexpr std::size_t kMaxReferences = 32;  // of one terrain: more than a flight's pictures
 
 std::string_view pathOf(const std::string& terrain) {
   return terrain == "alpine" ? embedded::alpine : terrain == "canyon" ? embedded::canyon : embedded::archipelago;
@@ -145,7 +145,8 @@ class Evaluation {
     pid_t child = 0;
     int status = 0;
     if (posix_spawn(&child, python.c_str(), nullptr, nullptr, arguments, environ) != 0)
-      return fail(kRuntimeFailure, {"the results are there, but not their report: install python3-matplotlib, and run it again with --report"});
+      return fail(kRuntimeFailure,
+                  {"the results are there, but not their report: install python3-matplotlib, and run it again with --report"});
     return waitpid(child, &status, 0) == child && status == 0 ? kSuccess : kRuntimeFailure;
   }
   static int wrote(const Outcome<void>& written) { return written ? kSuccess : fail(kBadInput, written.error()); }
@@ -212,7 +213,7 @@ class Evaluation {
   std::filesystem::path out_;
   Plan plan_;
   std::filesystem::path server_;
-  References references_{kMostReferences};
+  References references_{kMaxReferences};
   std::string machine_, over_;  // the terrain that was flown over last
   Clock::time_point began_ = Clock::now();
   std::size_t number_ = 0;

@@ -29,9 +29,9 @@ using namespace std::chrono_literals;
 
 namespace {
 
-constexpr auto kTilesTimeout = 120s;           // for the heights around the camera
-constexpr std::uint64_t kMostMismatches = 20;  // then something is broken for good
-constexpr std::size_t kMostStates = 40;
+constexpr auto kTilesTimeout = 120s;          // for the heights around the camera
+constexpr std::uint64_t kMaxMismatches = 20;  // then something is broken for good
+constexpr std::size_t kMaxStates = 40;
 constexpr double kSameTime = 1e-6;  // seconds
 
 // Of the newest iteration.
@@ -133,7 +133,7 @@ class Measurer final : flight::Observer {
       std::this_thread::sleep_for(1ms);
     }
     if (window_) texture_->update(*window_, static_cast<std::size_t>(render::HeightTexture::kTiles * render::HeightTexture::kTiles));
-    editTexture_.update(edits_, p, core::HeldEdits::kMostHeld);
+    editTexture_.update(edits_, p, core::HeldEdits::kMaxHeld);
     if (std::exchange(editsSeen_, edits_.version()) == edits_.version()) return {};
     edited_ = std::make_shared<edits::EditedTerrain>(terrain_, edits_.layer());
     lastMarch_ = References{1};
@@ -175,11 +175,11 @@ class Measurer final : flight::Observer {
     if (auto added = recorder_.add(result); !added) return added;
     if (update.wrong) {
       std::fprintf(stderr, "warning: %s; requesting leaves again\n", update.wrong->message.c_str());
-      if (recorder_.summary().hashMismatches > kMostMismatches)
-        return Error{"the mesh held differed from the server's in more than " + std::to_string(kMostMismatches) +
+      if (recorder_.summary().hashMismatches > kMaxMismatches)
+        return Error{"the mesh held differed from the server's in more than " + std::to_string(kMaxMismatches) +
                      " iterations: the last time " + update.wrong->message};
     }
-    if (resting_ && options_.measurePopping && states_.size() < kMostStates) states_.push_back(scene_.leaves());
+    if (resting_ && options_.measurePopping && states_.size() < kMaxStates) states_.push_back(scene_.leaves());
     tellProgress();
     return {};
   }

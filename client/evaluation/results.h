@@ -74,7 +74,7 @@ struct FlightSummary {
 struct IterationResult {
   std::uint64_t number = 0, pose = 0;
   double t = 0;  // seconds of path time of its pose
-  wire::Figures figures;
+  wire::IterationStats figures;
   double applyMs = 0;               // decoding and applying
   double latencyMs = 0;             // from sending its pose to having its message
   std::uint64_t trianglesHeld = 0;  // afterwards

@@ -29,7 +29,7 @@ constexpr std::array<ViewCase, 9> kViews = {{{"alpine", "low", 2000, 1500, 60, 0
                                              {"archipelago", "overview", 13600, 7100, 900, 96, -28},
                                              {"archipelago", "grazing", 11950, 6950, 15, 108, -2}}};
 constexpr std::array<int, 4> kSteps = {1, 2, 3, 4};  // of the correction
-constexpr int kMostSteps = 10;                       // as good as it gets, for what is missing
+constexpr int kMaxSteps = 10;                        // as good as it gets, for what is missing
 constexpr float kFiner = 2;                          // steps of the march that judges the march
 
 OrderedJson figures(const Similarity& s) {
@@ -122,7 +122,7 @@ struct ViewMeasurement::State {
     const Both& march = marches[k];
     const SimilarityMap map = similarityMap(drawn->filtered, march.filtered);
     if (k == 0) {
-      auto best = at.renderer.drawCorrected(at.scene.leaves(), at.view, 1, kMostSteps);
+      auto best = at.renderer.drawCorrected(at.scene.leaves(), at.view, 1, kMaxSteps);
       if (!best) return best.error();
       out["missing"] =
           figures(missingOf(map, similarityMap(best->picture, march.filtered), similarityMap(*finer, march.filtered), seen, marched, 1));

@@ -11,7 +11,7 @@ namespace {
 
 constexpr auto kTimeout = 120s;       // for one iteration in lock-step
 constexpr auto kPoseInterval = 33ms;  // by the clock: poses a second at most 30
-constexpr std::size_t kMostSent = 4096;
+constexpr std::size_t kMaxSent = 4096;
 
 double secondsSince(std::chrono::steady_clock::time_point began) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - began).count();
@@ -46,7 +46,7 @@ Outcome<void> Flight::send(double t) {
   if (auto placed = place(t); !placed) return placed;
   sequence_ = client_.send(camera_);
   sent_[sequence_] = {Clock::now(), t};
-  if (sent_.size() > kMostSent) sent_.erase(sent_.begin());
+  if (sent_.size() > kMaxSent) sent_.erase(sent_.begin());
   return {};
 }
 

@@ -25,13 +25,13 @@ auto timed(double& milliseconds, const Work& work) {
 
 // Scene::Spread, where there is much to do on a few threads of its own.
 void onThreads(std::size_t count, std::size_t bytes, const std::function<void(std::size_t)>& work) {
-  constexpr std::size_t kWorthAThread = 8 << 10, kMostThreads = 4;
+  constexpr std::size_t kWorthAThread = 8 << 10, kMaxThreads = 4;
   std::atomic<std::size_t> next{0};
   const auto some = [&] {
     for (std::size_t k = next++; k < count; k = next++) work(k);
   };
   std::vector<std::future<void>> others(
-      std::min({bytes / kWorthAThread, kMostThreads - 1, std::size_t{std::max(1u, std::thread::hardware_concurrency())} - 1}));
+      std::min({bytes / kWorthAThread, kMaxThreads - 1, std::size_t{std::max(1u, std::thread::hardware_concurrency())} - 1}));
   for (auto& other : others) other = std::async(std::launch::async, some);
   some();
   for (auto& other : others) other.get();

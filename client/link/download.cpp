@@ -23,7 +23,7 @@ namespace asio = boost::asio;
 using Clock = std::chrono::steady_clock;
 using error_code = boost::system::error_code;
 
-constexpr std::size_t kMostHeader = 65'536, kMostSentence = 4096;
+constexpr std::size_t kMaxHeader = 65'536, kMaxSentence = 4096;
 constexpr std::chrono::milliseconds kTellEvery{100};
 
 // Fit for a terminal.
@@ -146,7 +146,7 @@ class Download {
     while (!header_) {
       const auto blank = text_.find("\r\n\r\n");
       if (blank == std::string::npos) {
-        if (text_.size() > kMostHeader) end("what answers at " + where_ + " is not a Ridgecast server; check host and port");
+        if (text_.size() > kMaxHeader) end("what answers at " + where_ + " is not a Ridgecast server; check host and port");
         return;
       }
       header_ = parse(std::string_view(text_).substr(0, blank));
@@ -164,7 +164,7 @@ class Download {
     }
     progress_.received += bytes.size();
     if (header_->status != 200)
-      text_ += bytes.substr(0, kMostSentence - std::min(kMostSentence, text_.size()));
+      text_ += bytes.substr(0, kMaxSentence - std::min(kMaxSentence, text_.size()));
     else if (auto wrong = take_(bytes))
       return end(std::move(*wrong));
     if (header_->length && progress_.received >= *header_->length) complete();
@@ -261,7 +261,7 @@ Outcome<HttpAnswer> request(const core::Url& url, const std::string& method, con
                             std::stop_token stop) {
   std::string text;
   const auto take = [&](std::string_view bytes) -> std::optional<std::string> {
-    text += bytes.substr(0, kMostSentence - text.size());
+    text += bytes.substr(0, kMaxSentence - text.size());
     return std::nullopt;
   };
   const std::function<void(const Progress&)> tell;

@@ -65,8 +65,8 @@ auto placesOf(wire::QueryKind kind, std::span<const lattice::Step> x, std::span<
   };
 }
 
-constexpr std::uint64_t kMostFollowed = 20'000;  // edits of a session that are applied here; more take too long
-constexpr std::size_t kRecent = 4096;            // edits whose areas are remembered
+constexpr std::uint64_t kMaxFollowed = 20'000;  // edits of a session that are applied here; more take too long
+constexpr std::size_t kRecent = 4096;           // edits whose areas are remembered
 constexpr lattice::Area kEverywhere{-2 * lattice::kMaxPosition, -2 * lattice::kMaxPosition, 2 * lattice::kMaxPosition,
                                     2 * lattice::kMaxPosition};
 constexpr std::size_t kBatch = 4000;   // places a query
@@ -155,7 +155,7 @@ Ground::Ground(link::Connection& connection, std::chrono::milliseconds timeout)
     : connection_(&connection), timeout_(timeout), contentHash_(connection.world().contentHash) {
   const wire::World& world = connection.world();
   const bool followsEdits = connection.followsEdits();
-  if (followsEdits && world.edit <= kMostFollowed && world.compacted == 0) local_ = builtInOf(world);
+  if (followsEdits && world.edit <= kMaxFollowed && world.compacted == 0) local_ = builtInOf(world);
   if (local_) edited_ = std::make_shared<Edited>(local_);
   if (followsEdits) heard_ = std::make_shared<Heard>(world, local_ != nullptr);
   know(world.edit);

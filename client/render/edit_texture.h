@@ -1,6 +1,6 @@
 #pragma once
 // The edits that a client holds (core::HeldEdits) as textures: a table of the squares around the camera and the squares' posts with their
-// pyramid (common/terrain/edited.glsl). Nothing is made before there are edits. 85 MiB on the graphics card at most, for kMostHeld squares,
+// pyramid (common/terrain/edited.glsl). Nothing is made before there are edits. 85 MiB on the graphics card at most, for kMaxHeld squares,
 // and 5 MiB for the table. Needs the context it was made in.
 
 #include <cstdint>

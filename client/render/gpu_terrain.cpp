@@ -17,7 +17,7 @@ namespace ridgecast::render {
 namespace {
 
 constexpr std::uint32_t kPointsSide = 64;
-constexpr std::size_t kMost = kPointsSide * kPointsSide;  // points a draw
+constexpr std::size_t kMax = kPointsSide * kPointsSide;  // points a draw
 
 constexpr std::string_view kHeights = R"(
 uniform isampler2D heightPoints;
@@ -43,8 +43,8 @@ class GpuTerrain final : public terrain::Terrain {
   std::uint32_t seed() const override { return text_.seed; }
 
   void heights(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out) const override {
-    for (std::size_t begin = 0; begin < out.size(); begin += kMost) {
-      const std::size_t n = std::min(kMost, out.size() - begin);
+    for (std::size_t begin = 0; begin < out.size(); begin += kMax) {
+      const std::size_t n = std::min(kMax, out.size() - begin);
       draw(x.subspan(begin, n), z.subspan(begin, n), out.subspan(begin, n));
     }
   }

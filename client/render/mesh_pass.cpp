@@ -49,7 +49,7 @@ constexpr std::size_t kShadeSize = 8, kVertexSize = sizeof(mesh::LocalVertex), k
 static_assert(kVertexSize == 12 && offsetof(mesh::LocalVertex, z) == 4 && offsetof(mesh::LocalVertex, y) == 8);
 static_assert(sizeof(mesh::Triangle) == 12);
 
-constexpr std::size_t kLeastCapacity = std::size_t{1} << 18;  // elements
+constexpr std::size_t kMinCapacity = std::size_t{1} << 18;  // elements
 
 // A buffer of `bytes` that begins with the `kept` bytes of an older one.
 GlObject grown(const GlObject& older, std::size_t kept, std::size_t bytes) {
@@ -65,7 +65,7 @@ GlObject grown(const GlObject& older, std::size_t kept, std::size_t bytes) {
 // Room for `size` more elements, in a buffer that is twice as large when the old one is full.
 std::size_t takeOrGrow(Arena& arena, GlObject& buffer, std::size_t elementSize, std::size_t size) {
   if (const auto start = arena.take(size)) return *start;
-  const std::size_t old = arena.capacity(), capacity = std::max({old * 2, old + size, kLeastCapacity});
+  const std::size_t old = arena.capacity(), capacity = std::max({old * 2, old + size, kMinCapacity});
   buffer = grown(buffer, old * elementSize, capacity * elementSize);
   arena.grow(capacity);
   return *arena.take(size);

@@ -85,7 +85,7 @@ StandingGround::Window StandingGround::around(lattice::Point body, lattice::Step
 }
 
 Outcome<void> StandingGround::move(std::span<const lattice::Point> bodies) {
-  if (bodies.size() > kMostBodies) return Error{"there is ground for at most " + std::to_string(kMostBodies) + " bodies"};
+  if (bodies.size() > kMaxBodies) return Error{"there is ground for at most " + std::to_string(kMaxBodies) + " bodies"};
   // A tile and a quarter on: what is made ahead, and what is kept behind.
   const lattice::Step ahead = kCells * options_.spacing / 4, kept = 2 * ahead;
   const lattice::Step end = lattice::kMaxPosition - options_.radius - kept - kCells * options_.spacing;
@@ -93,7 +93,7 @@ Outcome<void> StandingGround::move(std::span<const lattice::Point> bodies) {
     if (std::min(bodies[k].x, bodies[k].z) < -end || std::max(bodies[k].x, bodies[k].z) > end)
       return Error{"body " + std::to_string(k) + " is beyond the lattice, or too near its end, 4.398e12 m from the origin"};
   const auto each = static_cast<std::size_t>((2 * (options_.radius + ahead)) / (kCells * options_.spacing)) + 2;
-  if (bodies.size() * each * each > kMostPlaces)
+  if (bodies.size() * each * each > kMaxPlaces)
     return Error{"there is too much ground around " + std::to_string(bodies.size()) +
                  " bodies: a wider spacing, or a smaller radius, fits"};
   hear();

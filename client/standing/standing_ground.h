@@ -11,7 +11,7 @@
 // A tile whose ground an edit changes is made again, and until then stays: it goes and its successor comes in the same changes(). Edits are
 // heard of in move(), wait() and changes().
 //
-// One owner; the thread only asks `source`. Bounds: kMostBodies, kMostPlaces, and `memory` bytes of tiles: what does not fit is not made,
+// One owner; the thread only asks `source`. Bounds: kMaxBodies, kMaxPlaces, and `memory` bytes of tiles: what does not fit is not made,
 // and wait() says so.
 
 #include <array>
@@ -37,8 +37,8 @@
 namespace ridgecast::standing {
 
 inline constexpr std::int64_t kCells = 32;
-inline constexpr std::size_t kMostBodies = 100'000;
-inline constexpr std::size_t kMostPlaces = 1'000'000;  // tiles around bodies, counted for each body
+inline constexpr std::size_t kMaxBodies = 100'000;
+inline constexpr std::size_t kMaxPlaces = 1'000'000;  // tiles around bodies, counted for each body
 
 struct Tile {
   std::int64_t i = 0, j = 0;

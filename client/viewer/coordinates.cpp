@@ -11,7 +11,7 @@ namespace ridgecast::viewer {
 namespace {
 
 constexpr std::int64_t kPerMetre = std::int64_t{1} << lattice::kStepBits;
-constexpr std::int64_t kMostMetres = lattice::kMaxPosition / kPerMetre;
+constexpr std::int64_t kMaxMetres = lattice::kMaxPosition / kPerMetre;
 
 // "1.5e3" -> "1500."; others stay as they are.
 std::string withoutExponent(const std::string& text) {
@@ -36,7 +36,7 @@ std::string withoutExponent(const std::string& text) {
 
 Outcome<lattice::Step> parseMetres(std::string_view text) {
   const Error wrong{"'" + std::string(text.substr(0, 40)) + "' is not a place: give a number of metres from -" +
-                    std::to_string(kMostMetres) + " to " + std::to_string(kMostMetres)};
+                    std::to_string(kMaxMetres) + " to " + std::to_string(kMaxMetres)};
   std::string digits;
   for (const char c : text)
     if (c != '_' && c != '\'' && c != ' ') digits += c;
@@ -49,7 +49,7 @@ Outcome<lattice::Step> parseMetres(std::string_view text) {
   if ((whole + rest).empty() || (whole + rest).find_first_not_of("0123456789") != std::string::npos) return wrong;
   std::int64_t metres = 0;
   if (!whole.empty() && std::from_chars(whole.data(), whole.data() + whole.size(), metres).ec != std::errc()) return wrong;
-  if (metres > kMostMetres) return wrong;
+  if (metres > kMaxMetres) return wrong;
   const double fraction = rest.empty() ? 0 : std::strtod(("0." + rest).c_str(), nullptr);
   const lattice::Step steps = metres * kPerMetre + std::llround(fraction * static_cast<double>(kPerMetre));
   if (steps > lattice::kMaxPosition) return wrong;

@@ -61,7 +61,7 @@ class Editor {
   core::Editing editing_;
   std::stop_source stop_;
   std::future<Outcome<link::HttpAnswer>> right_;  // while it is asked for
-  std::vector<Sent> sent_;                        // at most core::Editing::kMostOpen of each of its times
+  std::vector<Sent> sent_;                        // at most core::Editing::kMaxOpen of each of its times
   std::uint64_t connection_ = 0;                  // reconnections() that editing_ knows of
   using Laid = std::tuple<camera::Camera, Pointer, lattice::Step, core::Tool, std::size_t, std::uint64_t>;
   std::optional<Laid> laid_;  // what the brush in the state was made for

@@ -26,8 +26,8 @@ void EventQueue::add(const Event& event) {
     return;
   }
   const bool comesUp = (event.kind == Event::Kind::kKey || event.kind == Event::Kind::kButton) && !event.down;
-  if (waiting_.size() >= kMost && !comesUp) return;
-  if (waiting_.size() >= 2 * kMost) waiting_.pop_front();
+  if (waiting_.size() >= kMax && !comesUp) return;
+  if (waiting_.size() >= 2 * kMax) waiting_.pop_front();
   waiting_.push_back(event);
 }
 

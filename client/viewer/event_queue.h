@@ -19,8 +19,8 @@ struct Event {
 
 class EventQueue {
  public:
-  // Bound: kMost events wait. Beyond that, presses and text are dropped; releases are not.
-  static constexpr std::size_t kMost = 1000;
+  // Bound: kMax events wait. Beyond that, presses and text are dropped; releases are not.
+  static constexpr std::size_t kMax = 1000;
   static constexpr std::size_t kButtons = 5, kKeys = 512;
 
   void add(const Event& event);

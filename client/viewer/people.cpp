@@ -10,7 +10,7 @@ namespace ridgecast::viewer {
 namespace {
 
 constexpr double kBeside = 60, kAbove = 15;  // metres
-constexpr std::size_t kMostName = 32;        // bytes
+constexpr std::size_t kMaxName = 32;         // bytes
 // After Masataka Okabe and Kei Ito, 2008, light enough for a dark label.
 constexpr std::array<std::uint32_t, 8> kMembers = {0xe69f00, 0x56b4e9, 0x2fc29a, 0xf0e442, 0x7fb2ff, 0xff8a4c, 0xe59ac4, 0xffffff};
 
@@ -20,8 +20,8 @@ std::string ownName(const std::string& name) {
   std::string out;
   for (const char c : name)
     if (static_cast<unsigned char>(c) >= 0x20 && c != 0x7f) out += c;
-  if (out.size() > kMostName) {
-    std::size_t end = kMostName;
+  if (out.size() > kMaxName) {
+    std::size_t end = kMaxName;
     while (end > 0 && (static_cast<unsigned char>(out[end]) & 0xc0) == 0x80) --end;  // whole characters
     out.resize(end);
   }

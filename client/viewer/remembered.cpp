@@ -19,7 +19,7 @@ namespace {
 
 using OrderedJson = nlohmann::ordered_json;
 
-constexpr std::size_t kMostBytes = 64 * 1024;
+constexpr std::size_t kMaxBytes = 64 * 1024;
 // Of Mode and Borders, in their order.
 constexpr std::array<const char*, 4> kModes = {"split", "mesh", "march", "difference"};
 constexpr std::array<const char*, 3> kBorders = {"none", "level", "age"};
@@ -143,8 +143,8 @@ Outcome<Remembered> rememberedFrom(const OrderedJson& json) {
   if (!reader.problem().empty()) return Error{reader.problem()};
   const auto places = json.find("places");
   if (places == json.end()) return out;
-  if (!places->is_array() || places->size() > Remembered::kMostPlaces)
-    return Error{"'places' should be a list of at most " + std::to_string(Remembered::kMostPlaces)};
+  if (!places->is_array() || places->size() > Remembered::kMaxPlaces)
+    return Error{"'places' should be a list of at most " + std::to_string(Remembered::kMaxPlaces)};
   for (const OrderedJson& entry : *places) {
     Remembered::Place place;
     Reader one(entry);
@@ -179,7 +179,7 @@ const Remembered::Place* Remembered::placeAt(const std::string& where) const {
 void Remembered::visit(Place place) {
   std::erase_if(places, [&](const Place& other) { return other.where == place.where; });
   places.insert(places.begin(), std::move(place));
-  if (places.size() > kMostPlaces) places.pop_back();
+  if (places.size() > kMaxPlaces) places.pop_back();
 }
 
 std::string sessionAt(const core::Url& url) { return url.host + ":" + url.port + "/" + url.session; }
@@ -198,9 +198,9 @@ Outcome<Remembered> readRemembered(const std::filesystem::path& file) {
   if (status.type() == std::filesystem::file_type::not_found) return Remembered{};
   const auto wrong = [&file](const std::string& why) { return Error{"what is remembered in " + file.string() + " is ignored: " + why}; };
   if (!std::filesystem::is_regular_file(status)) return wrong("it is not a file that can be read");
-  const auto text = text::readFile(file, kMostBytes);
+  const auto text = text::readFile(file, kMaxBytes);
   if (!text) return wrong("it is not a file that can be read");
-  if (text->size() > kMostBytes) return wrong("it is larger than 64 KiB");
+  if (text->size() > kMaxBytes) return wrong("it is larger than 64 KiB");
   const OrderedJson json = OrderedJson::parse(*text, nullptr, false);
   auto read = json.is_discarded() ? Outcome<Remembered>(Error{"it is not JSON"}) : rememberedFrom(json);
   if (!read) return wrong(read.error().message);

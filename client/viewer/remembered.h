@@ -21,7 +21,7 @@ struct Remembered {
     lattice::Point at;
     double altitude = 150, yaw = 0, pitch = -10;  // metres above the ground; degrees
   };
-  static constexpr std::size_t kMostPlaces = 50;  // those longest not visited are forgotten
+  static constexpr std::size_t kMaxPlaces = 50;  // those longest not visited are forgotten
 
   std::uint32_t width = 1280, height = 720;  // of the window, screen coordinates before the screen's scale
   double divider = 0.5, speed = 50, textScale = 1;

@@ -155,7 +155,7 @@ void Stream::accept(const link::Update& update) {
   ages_.update(client().scene().leaves(), nowInSeconds());
   ++sceneVersion_;
   Statistics& s = state_.statistics;
-  const wire::Figures& f = iteration.figures;
+  const wire::IterationStats& f = iteration.figures;
   const std::array<double, 5> stages = {f.selectMs, f.generateMs, f.refineMs, f.triangulateMs, f.encodeMs};
   for (std::size_t k = 0; k < stages.size(); ++k) s.plots.stages[k].add(stages[k]);
   s.building.iterated(std::uint64_t{f.inserted} + f.removed, iteration.settled);

@@ -13,8 +13,8 @@ namespace ridgecast::viewer::theme {
 namespace {
 
 constexpr const char* kFont = "/usr/share/fonts/truetype/dejavu/DejaVuSans.ttf";
-constexpr float kPixels = 14;      // a line of text, 12 of them the letters' em as on the page
-constexpr float kMostPixels = 48;  // larger text is stretched: the texture of all letters has to fit the driver
+constexpr float kPixels = 14;     // a line of text, 12 of them the letters' em as on the page
+constexpr float kMaxPixels = 48;  // larger text is stretched: the texture of all letters has to fit the driver
 
 // Latin, Greek and Cyrillic, for names; quotes, dashes and the ellipsis.
 constexpr std::array<ImWchar, 7> kLetters = {0x0020, 0x052f, 0x2010, 0x203a, 0x20ac, 0x20ac, 0};
@@ -46,8 +46,8 @@ void loadFont(float pixels) {
   io.Fonts->Clear();
   io.Fonts->FontBuilderIO = ImGuiFreeType::GetBuilderForFreeType();
   io.Fonts->FontBuilderFlags = ImGuiFreeTypeBuilderFlags_LightHinting;
-  const float loaded = std::round(std::min(pixels, kMostPixels));
-  io.FontGlobalScale = std::max(1.0f, pixels / kMostPixels);
+  const float loaded = std::round(std::min(pixels, kMaxPixels));
+  io.FontGlobalScale = std::max(1.0f, pixels / kMaxPixels);
   std::error_code ignored;
   if (std::filesystem::exists(kFont, ignored)) {
     io.Fonts->AddFontFromFileTTF(kFont, loaded, nullptr, kLetters.data());

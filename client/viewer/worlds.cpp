@@ -12,7 +12,7 @@ namespace {
 
 using Json = nlohmann::json;
 
-constexpr std::size_t kMostAnswerBytes = 4 << 20;
+constexpr std::size_t kMaxAnswerBytes = 4 << 20;
 constexpr std::chrono::seconds kTimeout{10};
 
 std::string wordsOf(const Json& object, const char* name) {
@@ -32,7 +32,7 @@ bool each(std::string_view text, const char* list, const Add& add) {
   if (!json.is_object() || !json.contains(list) || !json[list].is_array()) return false;
   std::size_t k = 0;
   for (const Json& object : json[list])
-    if (object.is_object() && k++ < Worlds::kMost) add(object);
+    if (object.is_object() && k++ < Worlds::kMax) add(object);
   return true;
 }
 
@@ -54,9 +54,9 @@ Outcome<Worlds> worldsFrom(std::string_view sessions, std::string_view terrains)
 
 WorldsQuestion::WorldsQuestion(const core::Url& url)
     : answer_(std::async(std::launch::async, [url, stop = stop_.get_token()]() -> Outcome<Worlds> {
-        const auto sessions = link::fetch(url, "/v1/sessions", kMostAnswerBytes, kTimeout, stop);
+        const auto sessions = link::fetch(url, "/v1/sessions", kMaxAnswerBytes, kTimeout, stop);
         if (!sessions) return sessions.error();
-        const auto terrains = link::fetch(url, "/v1/terrains", kMostAnswerBytes, kTimeout, stop);
+        const auto terrains = link::fetch(url, "/v1/terrains", kMaxAnswerBytes, kTimeout, stop);
         if (!terrains) return terrains.error();
         return worldsFrom(*sessions, *terrains);
       })) {}

@@ -23,7 +23,7 @@ struct Worlds {
   struct Terrain {
     std::string name, summary;
   };
-  static constexpr std::size_t kMost = 1000;  // of each; more are not shown
+  static constexpr std::size_t kMax = 1000;  // of each; more are not shown
   std::vector<Session> sessions;
   std::vector<Terrain> terrains;  // none if the server makes no sessions
 };

@@ -24,7 +24,7 @@ constexpr std::size_t kMaxKeyframes = 10'000;
 constexpr std::size_t kMaxTerrainName = 128;
 constexpr double kMaxMetres = 4.3e12;
 constexpr double kMaxSeconds = 24 * 3600;
-constexpr double kLeastSpacing = 0.001;  // seconds between keyframes
+constexpr double kMinSpacing = 0.001;  // seconds between keyframes
 constexpr double kMaxHeight = 5e5;
 constexpr double kMaxYaw = 1e6;
 constexpr double kRadiansPerDegree = std::numbers::pi / 180;
@@ -95,7 +95,7 @@ Outcome<Keyframe> parseKeyframe(const Json& json, std::size_t number, const std:
   key.pitch = fields.number("pitch", -90, 90, "degrees") * kRadiansPerDegree;
   if (fields.error()) return *fields.error();
   if (before.empty() && key.t != 0) fields.fail("t", "must be 0 in the first keyframe");
-  if (!before.empty() && key.t < before.back().t + kLeastSpacing)
+  if (!before.empty() && key.t < before.back().t + kMinSpacing)
     fields.fail("t", "must be later than in the keyframe before, by a millisecond at least");
   if (fields.error()) return *fields.error();
   return key;

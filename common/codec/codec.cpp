@@ -18,8 +18,8 @@ constexpr std::uint8_t kPlain = 0x10, kDraco = 0x11;
 constexpr unsigned kMaxShift = 28;
 constexpr std::uint32_t kMaxQuotient = 1u << 28;  // the largest difference of two values in range
 constexpr std::uint32_t kPlainWorthTrying = 64;   // triangles; with more, Draco's fixed cost of about 70 bytes never decides
-constexpr std::size_t kLeastDracoBytes = 90;      // approximately, with header; shorter plain forms are used without trying Draco
-constexpr std::size_t kLeastPlainBytes = 3;       // of a vertex, and of a triangle
+constexpr std::size_t kMinDracoBytes = 90;        // approximately, with header; shorter plain forms are used without trying Draco
+constexpr std::size_t kMinPlainBytes = 3;         // of a vertex, and of a triangle
 
 using Quotients = std::array<std::uint32_t, 3>;  // x, z, y: (value - least) >> shift
 
@@ -71,7 +71,7 @@ void putPlain(std::vector<std::uint8_t>& out, const std::vector<Quotients>& poin
 }
 
 std::string decodePlain(std::span<const std::uint8_t> bytes, std::uint32_t vertices, std::uint32_t triangles, Soup& out) {
-  if (bytes.size() < kLeastPlainBytes * (std::size_t{vertices} + triangles)) return "it is too short for its counts";
+  if (bytes.size() < kMinPlainBytes * (std::size_t{vertices} + triangles)) return "it is too short for its counts";
   Reader reader(bytes);
   out.points.reserve(vertices);
   std::array<std::int64_t, 3> q{};
@@ -174,7 +174,7 @@ std::vector<std::uint8_t> encodeLeaf(const mesh::LeafMesh& leaf) {
   };
   if (leaf.triangles.size() <= kPlainWorthTrying) {
     encodePlain();
-    if (plain.size() <= kLeastDracoBytes) return plain;
+    if (plain.size() <= kMinDracoBytes) return plain;
   }
   bool hasDraco = false;
   if (widest <= kMaxDracoValue) {

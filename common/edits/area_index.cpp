@@ -9,12 +9,12 @@ namespace ridgecast::edits {
 
 int AreaIndex::sizeOf(const Posts& area) {
   const auto side = static_cast<std::uint64_t>(std::max(area.x1 - area.x0, area.z1 - area.z0));
-  return std::max(0, static_cast<int>(std::bit_width(side - 1)) - kLeastBits);
+  return std::max(0, static_cast<int>(std::bit_width(side - 1)) - kMinBits);
 }
 
 void AreaIndex::add(std::uint32_t edit, const Posts& area) {
   expects(!area.empty(), "an edit that is filed has an area");
-  const int size = sizeOf(area), bits = kLeastBits + size;
+  const int size = sizeOf(area), bits = kMinBits + size;
   const CellAddress cell{area.x0 >> bits, area.z0 >> bits};
   const auto narrow = [](std::int64_t v) { return static_cast<std::uint16_t>(v); };
   sizes_.at(static_cast<std::size_t>(size))[cell].push_back(
@@ -22,7 +22,7 @@ void AreaIndex::add(std::uint32_t edit, const Posts& area) {
 }
 
 void AreaIndex::remove(std::uint32_t edit, const Posts& area) {
-  const int size = sizeOf(area), bits = kLeastBits + size;
+  const int size = sizeOf(area), bits = kMinBits + size;
   Cells& cells = sizes_.at(static_cast<std::size_t>(size));
   const auto cell = cells.find({area.x0 >> bits, area.z0 >> bits});
   expects(cell != cells.end(), "an edit that is taken out was filed");
@@ -37,7 +37,7 @@ std::size_t AreaIndex::forEach(const Posts& posts, const std::function<void(std:
   std::size_t looked = 0;
   for (int size = 0; size < kSizes; ++size) {
     const Cells& cells = sizes_[static_cast<std::size_t>(size)];
-    const int bits = kLeastBits + size;
+    const int bits = kMinBits + size;
     const auto inCell = [&](const CellAddress& at, const std::vector<Filed>& all) {
       looked += all.size();
       for (const Filed& filed : all) {

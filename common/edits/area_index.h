@@ -23,7 +23,7 @@ class AreaIndex {
 
  private:
   // Cells of the smallest size have 256 posts a side, those of the next twice that: up to 16,384, more than any area's side.
-  static constexpr int kLeastBits = 8, kSizes = 7;
+  static constexpr int kMinBits = 8, kSizes = 7;
   struct Filed {
     std::uint32_t edit;
     std::uint16_t x, z, columns, rows;  // posts, of the corner from that of the cell

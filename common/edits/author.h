@@ -8,7 +8,7 @@
 
 namespace ridgecast::edits {
 
-inline constexpr std::size_t kMostAuthorBytes = 128;  // of each of its two
+inline constexpr std::size_t kMaxAuthorBytes = 128;  // of each of its two
 
 struct Author {
   // As the server knows it: "token of NAME" or "address ADDRESS". In logs without names, those that it called itself stand here.
@@ -19,7 +19,7 @@ struct Author {
 
 // Whether clients accept it as one of the two.
 inline bool isFitForAuthor(std::string_view text) {
-  return text.size() <= kMostAuthorBytes && std::ranges::none_of(text, [](unsigned char c) { return c < 0x20 || c == 0x7f; });
+  return text.size() <= kMaxAuthorBytes && std::ranges::none_of(text, [](unsigned char c) { return c < 0x20 || c == 0x7f; });
 }
 
 inline std::string toText(const Author& author) { return author.name.empty() ? author.client : author.client + '\n' + author.name; }

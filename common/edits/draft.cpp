@@ -22,7 +22,7 @@ std::vector<std::int32_t> ownHeights(const terrain::Terrain& terrain, const Post
   return out;
 }
 
-std::int32_t limited(std::int64_t rise) { return static_cast<std::int32_t>(std::clamp<std::int64_t>(rise, -kMostRise, kMostRise)); }
+std::int32_t limited(std::int64_t rise) { return static_cast<std::int32_t>(std::clamp<std::int64_t>(rise, -kMaxRise, kMaxRise)); }
 
 // One pass: weights 1 2 1 along both axes, nearest whole steps. The result is a post narrower on each side.
 std::vector<std::int32_t> passed(const std::vector<std::int32_t>& from, std::int64_t columns, std::int64_t rows) {

@@ -24,7 +24,7 @@ void EditedTerrain::heights(std::span<const lattice::Step> x, std::span<const la
 
 const terrain::RasterShape& Rise::shape() const {
   static const terrain::RasterShape endless{
-      .x = {0, terrain::pitchOf(kPostSteps)}, .z = {0, terrain::pitchOf(kPostSteps)}, .lowest = -kMostRise, .highest = kMostRise};
+      .x = {0, terrain::pitchOf(kPostSteps)}, .z = {0, terrain::pitchOf(kPostSteps)}, .lowest = -kMaxRise, .highest = kMaxRise};
   return endless;
 }
 

@@ -11,14 +11,14 @@
 namespace ridgecast::edits {
 namespace {
 
-constexpr std::uint64_t kPostsOfEdit = 256;   // of work, besides those that it looks at
-constexpr std::size_t kMostCheckpoints = 64;  // for those of 4 million edits, however wide
+constexpr std::uint64_t kPostsOfEdit = 256;  // of work, besides those that it looks at
+constexpr std::size_t kMaxCheckpoints = 64;  // for those of 4 million edits, however wide
 
 }  // namespace
 
 History::History(std::shared_ptr<const terrain::Terrain> terrain, std::size_t mostBytes)
     : terrain_(std::move(terrain)), mostBytes_(mostBytes) {
-  checkpoints_.reserve(kMostCheckpoints);
+  checkpoints_.reserve(kMaxCheckpoints);
 }
 
 Operation History::operation(std::uint64_t edit) const { return unpack(packed(edit)).value(); }
@@ -50,9 +50,9 @@ Turns History::preparing(Operation& operation, Outcome<void>& fits) {
       x.push_back(p.x);
       z.push_back(p.z);
     }
-    if (x.size() > kMostStations) {
+    if (x.size() > kMaxStations) {
       fits = Error{"A road's corners and the stations between them are " + std::to_string(x.size()) + "; the most is " +
-                   std::to_string(kMostStations) + ": leave corners out."};
+                   std::to_string(kMaxStations) + ": leave corners out."};
       co_return;
     }
     std::vector<std::int32_t> ground(x.size());
@@ -84,8 +84,8 @@ Turns History::making(Operation operation, std::uint64_t mostUndoPosts, Outcome<
   [[maybe_unused]] const std::uint64_t before = last_;
   Outcome<void> fits;
   for (Turns turns = preparing(operation, fits); const auto cost = turns.next();) co_yield *cost;
-  if (fits && last_ - compacted_ >= kMostEdits)
-    fits = Error{"A session has at most " + std::to_string(kMostEdits) +
+  if (fits && last_ - compacted_ >= kMaxEdits)
+    fits = Error{"A session has at most " + std::to_string(kMaxEdits) +
                  " edits; its operator can join them with `ridgecast-server edits compact`."};
   Made made{layer_, {}, areaOf(operation)};
   const std::uint64_t looked = looked_;

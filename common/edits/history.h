@@ -2,13 +2,13 @@
 // The edits of one world in their order, and the layer that they make on its terrain. The order is the truth: equal operations in equal
 // order on an equal terrain make an equal layer, whoever computes it, with undone ones left out as if they had never been.
 //
-// Memory beside the layer: edits packed (packed.h) and some 25 bytes each; kMostCheckpointBytes. An undo takes the ground of the latest
+// Memory beside the layer: edits packed (packed.h) and some 25 bytes each; kMaxCheckpointBytes. An undo takes the ground of the latest
 // checkpoint before the undone edit and makes those edits after it again that touch what the undo changes, on that ground alone.
 // Checkpoints are layers; the further back, the fewer: at most two for each doubling of the work since. So an undo looks at edits of at
-// most about twice the work that was done since the undone edit, unless wide edits fill kMostCheckpointBytes: then the largest checkpoints
+// most about twice the work that was done since the undone edit, unless wide edits fill kMaxCheckpointBytes: then the largest checkpoints
 // go. After restore() there are none before the restored layer.
 //
-// One thread at a time; layers, once taken, may be read by any. Bound: kMostEdits operations, kMostLayerBytes of layer. Memory that runs
+// One thread at a time; layers, once taken, may be read by any. Bound: kMaxEdits operations, kMaxLayerBytes of layer. Memory that runs
 // out is an exception, and nothing has changed.
 
 #include <cstdint>
@@ -31,14 +31,14 @@
 
 namespace ridgecast::edits {
 
-inline constexpr std::size_t kMostEdits = 4'000'000;
-inline constexpr std::size_t kMostLayerBytes = std::size_t{512} << 20;
-inline constexpr std::size_t kMostCheckpointBytes = std::size_t{64} << 20;  // of all, not counting what they share
-inline constexpr std::uint64_t kMostUndoPosts = std::uint64_t{1} << 26;     // that a server looks at for one undo: about two seconds
+inline constexpr std::size_t kMaxEdits = 4'000'000;
+inline constexpr std::size_t kMaxLayerBytes = std::size_t{512} << 20;
+inline constexpr std::size_t kMaxCheckpointBytes = std::size_t{64} << 20;  // of all, not counting what they share
+inline constexpr std::uint64_t kMaxUndoPosts = std::uint64_t{1} << 26;     // that a server looks at for one undo: about two seconds
 
 class History {
  public:
-  explicit History(std::shared_ptr<const terrain::Terrain> terrain, std::size_t mostBytes = kMostLayerBytes);
+  explicit History(std::shared_ptr<const terrain::Terrain> terrain, std::size_t mostBytes = kMaxLayerBytes);
 
   std::uint64_t last() const { return last_; }            // number of the last edit; 0: none
   std::uint64_t compacted() const { return compacted_; }  // those up to this number are a part of the ground for good

@@ -142,7 +142,7 @@ Raise raise(Fields& f, int sign) {
 Level level(Fields& f) {
   Level o;
   if (f.has("polygon")) {
-    for (const auto& corner : f.rows("polygon", 2, 2, kMostCorners)) o.corners.push_back({corner[0], corner[1]});
+    for (const auto& corner : f.rows("polygon", 2, 2, kMaxCorners)) o.corners.push_back({corner[0], corner[1]});
   } else {
     o.corners = {f.place()};
     o.radius = f.steps("radius");
@@ -154,7 +154,7 @@ Level level(Fields& f) {
 
 Road road(Fields& f) {
   Road o;
-  const auto line = f.rows("line", 2, 3, kMostStations);
+  const auto line = f.rows("line", 2, 3, kMaxStations);
   o.surveyed = !line.empty() && line.front().size() == 3;
   for (const auto& station : line) {
     if ((station.size() == 3) != o.surveyed) f.fail("line", "must have a height at every place or at none");
@@ -168,10 +168,10 @@ Road road(Fields& f) {
 }
 
 Stamp stamp(Fields& f) {
-  Stamp o{f.place(), 0, 0, 1, f.list("samples", std::size_t{kMostStampSide} * kMostStampSide)};
+  Stamp o{f.place(), 0, 0, 1, f.list("samples", std::size_t{kMaxStampSide} * kMaxStampSide)};
   const std::uint64_t columns = f.whole("columns");
   const Step spacing = f.steps("spacing", 0.5);
-  if (columns < 2 || columns > kMostStampSide || o.samples.size() % columns != 0)
+  if (columns < 2 || columns > kMaxStampSide || o.samples.size() % columns != 0)
     f.fail("columns", "must be 2 to 256 and divide the number of samples");
   if (spacing % kPostSteps != 0) f.fail("spacing", "must be a multiple of 0.5 m");
   o.width = static_cast<std::uint32_t>(columns);

@@ -35,7 +35,7 @@ Outcome<void> checkLength(const char* what, Step value, Step least, Step most) {
 }
 
 Outcome<void> checkSlope(const char* what, std::uint32_t slope) {
-  if (slope >= 1 && slope <= kMostSlope) return {};
+  if (slope >= 1 && slope <= kMaxSlope) return {};
   return Error{std::string("An edit's ") + what + " is " + std::to_string(slope) + "/256; it must be 1/256 to 256."};
 }
 
@@ -47,8 +47,8 @@ Outcome<void> checkLine(const char* what, const std::vector<Corner>& line, std::
                  std::to_string(most) + "."};
   for (const Corner& c : line) {
     if (auto place = checkPlace({c.x, c.z}); !place) return place;
-    if (std::abs(c.x - line[0].x) > kMostLength || std::abs(c.z - line[0].z) > kMostLength)
-      return Error{std::string(what) + " spans more than " + metresText(kMostLength) + " m; make several edits."};
+    if (std::abs(c.x - line[0].x) > kMaxLength || std::abs(c.z - line[0].z) > kMaxLength)
+      return Error{std::string(what) + " spans more than " + metresText(kMaxLength) + " m; make several edits."};
   }
   return {};
 }
@@ -60,45 +60,45 @@ Outcome<void> first(std::initializer_list<Outcome<void>> checks) {
 }
 
 Outcome<void> checkKind(const Raise& o) {
-  return first({checkPlace(o.at), checkLength("radius", o.radius, kLeastRadius, kMostRadius), checkLength("core", o.core, 0, o.radius),
-                checkLength("amount", o.amount, -kMostRise, kMostRise)});
+  return first({checkPlace(o.at), checkLength("radius", o.radius, kMinRadius, kMaxRadius), checkLength("core", o.core, 0, o.radius),
+                checkLength("amount", o.amount, -kMaxRise, kMaxRise)});
 }
 Outcome<void> checkKind(const Crater& o) {
-  return first({checkPlace(o.at), checkLength("radius", o.radius, kLeastRadius, kMostRadius), checkLength("depth", o.depth, 1, kMostRise)});
+  return first({checkPlace(o.at), checkLength("radius", o.radius, kMinRadius, kMaxRadius), checkLength("depth", o.depth, 1, kMaxRise)});
 }
 Outcome<void> checkKind(const Level& o) {
   auto rest = first({checkLength("height", o.height, -lattice::kMaxHeight, lattice::kMaxHeight), checkSlope("slope", o.slope)});
   if (!rest) return rest;
-  if (o.corners.size() == 1) return first({checkPlace(o.corners[0]), checkLength("radius", o.radius, kLeastRadius, kMostRadius)});
+  if (o.corners.size() == 1) return first({checkPlace(o.corners[0]), checkLength("radius", o.radius, kMinRadius, kMaxRadius)});
   if (o.radius != 0) return Error{"Level ground is a polygon of 3 or more corners, or a circle with one corner, its middle, and a radius."};
-  return checkLine("A polygon of level ground", o.corners, 3, kMostCorners);
+  return checkLine("A polygon of level ground", o.corners, 3, kMaxCorners);
 }
 Outcome<void> checkKind(const Smooth& o) {
-  if (o.passes < 1 || o.passes > kMostPasses) return Error{"Smoothing takes 1 to 16 passes, not " + std::to_string(o.passes) + "."};
-  return first({checkPlace(o.at), checkLength("radius", o.radius, kLeastRadius, kMostRadius / 4)});
+  if (o.passes < 1 || o.passes > kMaxPasses) return Error{"Smoothing takes 1 to 16 passes, not " + std::to_string(o.passes) + "."};
+  return first({checkPlace(o.at), checkLength("radius", o.radius, kMinRadius, kMaxRadius / 4)});
 }
 Outcome<void> checkKind(const Road& o) {
   auto rest =
-      first({checkLine("A road", o.line, 2, o.surveyed ? kMostStations : kMostCorners),
-             checkLength("width", o.width, kLeastRadius, kMostRadius / 4), checkSlope("grade", o.grade), checkSlope("slope", o.slope)});
+      first({checkLine("A road", o.line, 2, o.surveyed ? kMaxStations : kMaxCorners),
+             checkLength("width", o.width, kMinRadius, kMaxRadius / 4), checkSlope("grade", o.grade), checkSlope("slope", o.slope)});
   if (!rest) return rest;
   double length = 0;
   for (std::size_t k = 1; k < o.line.size(); ++k)
     length += std::hypot(static_cast<double>(o.line[k].x - o.line[k - 1].x), static_cast<double>(o.line[k].z - o.line[k - 1].z));
-  if (length > static_cast<double>(kMostLength))
-    return Error{"A road is longer than " + metresText(kMostLength) + " m; build it in pieces, each from the end of the one before."};
+  if (length > static_cast<double>(kMaxLength))
+    return Error{"A road is longer than " + metresText(kMaxLength) + " m; build it in pieces, each from the end of the one before."};
   if (o.surveyed)
     for (const lattice::Vertex& v : o.line)
       if (auto height = checkLength("height", v.y, -lattice::kMaxHeight, lattice::kMaxHeight); !height) return height;
   return {};
 }
 Outcome<void> checkKind(const Stamp& o) {
-  const auto fits = [](std::uint32_t side) { return side >= 2 && side <= kMostStampSide; };
+  const auto fits = [](std::uint32_t side) { return side >= 2 && side <= kMaxStampSide; };
   if (!fits(o.width) || !fits(o.height) || o.samples.size() != std::size_t{o.width} * o.height)
     return Error{"A stamp has 2 to 256 samples along each side, and as many in all as these say."};
   if (o.spacing < 1 || o.spacing > 16) return Error{"A stamp's samples stand 1 to 16 posts (0.5 to 8 m) apart."};
   for (const std::int32_t v : o.samples)
-    if (auto height = checkLength("sample", v, -kMostRise, kMostRise); !height) return height;
+    if (auto height = checkLength("sample", v, -kMaxRise, kMaxRise); !height) return height;
   return checkPlace(o.at);
 }
 Outcome<void> checkKind(const Undo& o) {
@@ -151,8 +151,8 @@ Outcome<void> check(const Operation& operation) {
   if (auto kind = std::visit([](const auto& o) { return checkKind(o); }, operation.what); !kind) return kind;
   const Posts area = areaOf(operation);
   // Roads look at the posts near their line alone.
-  if (!std::holds_alternative<Road>(operation.what) && area.count() > kMostPosts)
-    return Error{"An edit's area holds " + std::to_string(area.count()) + " posts of 0.25 m2; the most is " + std::to_string(kMostPosts) +
+  if (!std::holds_alternative<Road>(operation.what) && area.count() > kMaxPosts)
+    return Error{"An edit's area holds " + std::to_string(area.count()) + " posts of 0.25 m2; the most is " + std::to_string(kMaxPosts) +
                  ": make several edits."};
   return {};
 }

@@ -3,7 +3,7 @@
 // kPostSteps along x and z, and what lies between them is bicubic (edited_terrain.h). All of it is integer arithmetic, so that whoever
 // applies the same operations in the same order has the same ground, bit for bit.
 //
-// Cost: an operation looks at the posts of its area (areaOf), at most kMostPosts; those that read the ground also evaluate the terrain
+// Cost: an operation looks at the posts of its area (areaOf), at most kMaxPosts; those that read the ground also evaluate the terrain
 // there.
 
 #include <algorithm>
@@ -19,17 +19,17 @@ namespace ridgecast::edits {
 
 inline constexpr int kPostBits = 7;  // steps between posts, as a power of two: 0.5 m
 inline constexpr lattice::Step kPostSteps = lattice::Step{1} << kPostBits;
-inline constexpr std::int32_t kMostRise = std::int32_t{1} << 20;  // steps, +-: 4,096 m from the terrain's own height
-inline constexpr lattice::Step kLeastRadius = kPostSteps, kMostRadius = lattice::Step{1} << 16;  // 0.5 to 256 m
+inline constexpr std::int32_t kMaxRise = std::int32_t{1} << 20;  // steps, +-: 4,096 m from the terrain's own height
+inline constexpr lattice::Step kMinRadius = kPostSteps, kMaxRadius = lattice::Step{1} << 16;  // 0.5 to 256 m
 inline constexpr lattice::Step kBank = lattice::Step{1} << 13;    // how far level ground and roads reach beyond their border: 32 m
 inline constexpr lattice::Step kRunOut = lattice::Step{1} << 11;  // of that, in which banks run out to ground that they have not met: 8 m
-inline constexpr lattice::Step kMostLength = lattice::Step{1} << 19;  // of a road: 2,048 m
-inline constexpr std::size_t kMostCorners = 256, kMostStations = 1024;
-inline constexpr std::uint32_t kMostSlope = 1u << 16;  // 1/256: 256 m a metre, a wall
-inline constexpr std::uint32_t kMostStampSide = 256;   // samples
-inline constexpr std::int64_t kMostPosts = std::int64_t{1} << 21;
-inline constexpr std::uint32_t kMostPasses = 16;  // of smoothing
-inline constexpr std::uint32_t kMaterials = 8;    // 1..8; 0: the ground's own
+inline constexpr lattice::Step kMaxLength = lattice::Step{1} << 19;  // of a road: 2,048 m
+inline constexpr std::size_t kMaxCorners = 256, kMaxStations = 1024;
+inline constexpr std::uint32_t kMaxSlope = 1u << 16;  // 1/256: 256 m a metre, a wall
+inline constexpr std::uint32_t kMaxStampSide = 256;   // samples
+inline constexpr std::int64_t kMaxPosts = std::int64_t{1} << 21;
+inline constexpr std::uint32_t kMaxPasses = 16;  // of smoothing
+inline constexpr std::uint32_t kMaterials = 8;   // 1..8; 0: the ground's own
 
 // Adds `amount` within `core` of the middle, less towards `radius` (smoothstep), nothing beyond. Negative: lowers.
 struct Raise {
@@ -60,8 +60,8 @@ struct Level {
 // Each height becomes the mean of its neighbours, weighted 1 2 1 along both axes, `passes` times.
 struct Smooth {
   lattice::Point at;
-  lattice::Step radius = 0;  // at most a quarter of kMostRadius
-  std::uint32_t passes = 4;  // 1..kMostPasses
+  lattice::Step radius = 0;  // at most a quarter of kMaxRadius
+  std::uint32_t passes = 4;  // 1..kMaxPasses
   friend bool operator==(const Smooth&, const Smooth&) = default;
 };
 
@@ -78,7 +78,7 @@ struct Road {
 // A small height map, added to what is there: samples `spacing` posts apart, linear between them, its middle at `at`.
 struct Stamp {
   lattice::Point at;
-  std::uint32_t width = 0, height = 0;  // samples along x and z, 2..kMostStampSide
+  std::uint32_t width = 0, height = 0;  // samples along x and z, 2..kMaxStampSide
   std::uint32_t spacing = 1;            // posts, 1..16
   std::vector<std::int32_t> samples;    // steps, along x first
   friend bool operator==(const Stamp&, const Stamp&) = default;

@@ -119,7 +119,7 @@ void fields(Io& io, auto& o) {
     io(o.radius);
     io(o.depth);
   } else if constexpr (std::is_same_v<Kind, Level>) {
-    line(io, o.corners, kMostCorners, [](auto&, auto&, auto&) {});
+    line(io, o.corners, kMaxCorners, [](auto&, auto&, auto&) {});
     io(o.radius);
     io(o.height);
     io(o.slope);
@@ -129,7 +129,7 @@ void fields(Io& io, auto& o) {
     io(o.passes);
   } else if constexpr (std::is_same_v<Kind, Road>) {
     io(o.surveyed);
-    line(io, o.line, kMostStations, [&o](auto& p, auto& before, const auto& part) {
+    line(io, o.line, kMaxStations, [&o](auto& p, auto& before, const auto& part) {
       if (o.surveyed) part(p.y, before.y);
     });
     io(o.width);
@@ -141,7 +141,7 @@ void fields(Io& io, auto& o) {
     io(o.height);
     io(o.spacing);
     if constexpr (!std::is_const_v<std::remove_reference_t<decltype(o)>>)
-      if (o.width <= kMostStampSide && o.height <= kMostStampSide) o.samples.resize(std::size_t{o.width} * o.height);
+      if (o.width <= kMaxStampSide && o.height <= kMaxStampSide) o.samples.resize(std::size_t{o.width} * o.height);
     io.samples(o.samples, o.width);
   } else {
     io(o.edit);
@@ -183,8 +183,8 @@ Outcome<Operation> unpack(std::string_view bytes) {
 }
 
 std::uint64_t undoneBy(std::string_view packed) {
-  constexpr std::size_t kMostBytes = 12;
-  if (packed.size() > kMostBytes || static_cast<std::uint8_t>(packed[1]) % 8 != 6) return 0;
+  constexpr std::size_t kMaxBytes = 12;
+  if (packed.size() > kMaxBytes || static_cast<std::uint8_t>(packed[1]) % 8 != 6) return 0;
   Unpacker unpacker(packed.substr(2));
   std::uint64_t edit = 0;
   unpacker(edit);

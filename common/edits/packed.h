@@ -18,7 +18,7 @@
 namespace ridgecast::edits {
 
 // Of any valid operation.
-inline constexpr std::size_t kMostPackedBytes = 64 + std::size_t{4} * kMostStampSide * kMostStampSide;
+inline constexpr std::size_t kMaxPackedBytes = 64 + std::size_t{4} * kMaxStampSide * kMaxStampSide;
 
 // Of a valid operation. Equal operations have equal bytes, others others.
 std::string pack(const Operation& operation);

@@ -15,7 +15,7 @@ using terrain::CubicPlaces;
 
 namespace {
 
-constexpr std::size_t kMost = CubicPlaces::kMost;
+constexpr std::size_t kMax = CubicPlaces::kMax;
 
 using Four = std::int32_t __attribute__((vector_size(16)));
 using Shorts = std::int16_t __attribute__((vector_size(16)));
@@ -65,8 +65,8 @@ class Layer::Finder {
   bool mayMeet(const Posts& posts) {
     constexpr int kShift = kTileBits + kBlockBits;
     const std::int64_t i0 = posts.x0 >> kShift, i1 = (posts.x1 - 1) >> kShift, j0 = posts.z0 >> kShift, j1 = (posts.z1 - 1) >> kShift;
-    constexpr std::int64_t kMostBlocks = 128;
-    if (i1 - i0 >= kMostBlocks || j1 - j0 >= kMostBlocks / (i1 - i0 + 1)) return true;
+    constexpr std::int64_t kMaxBlocks = 128;
+    if (i1 - i0 >= kMaxBlocks || j1 - j0 >= kMaxBlocks / (i1 - i0 + 1)) return true;
     for (std::int64_t j = j0; j <= j1; ++j)
       for (std::int64_t i = i0; i <= i1; ++i) {
         const Cell* const cell = cellAt(i << (kShift + kPostBits), j << (kShift + kPostBits));
@@ -121,7 +121,7 @@ class Layer::Finder {
   const Cell* cell_ = nullptr;
 };
 
-// Up to kMost places, of which those that have a tile are found.
+// Up to kMax places, of which those that have a tile are found.
 class Layer::Places {
  public:
   void find(Finder& finder, const Step* x, const Step* z, std::size_t count) {
@@ -149,7 +149,7 @@ class Layer::Places {
   void raise(bool mayBeWide, float* heights) const {
     if (found_ == 0) return;
     const std::size_t found = found_;
-    thread_local std::array<std::array<std::uint64_t, kMost>, 4> rows;
+    thread_local std::array<std::array<std::uint64_t, kMax>, 4> rows;
     for (std::size_t k = 0; k < insides_; ++k)
       for (std::size_t row = 0; row < 4; ++row) rows[row][k] = rowAt(first_[k] + row * kTileSide);
     for (std::size_t k = insides_; k < found; ++k) {
@@ -168,7 +168,7 @@ class Layer::Places {
       places.beyondZ[k] = static_cast<float>(z_[whose_[k]] & (kPostSteps - 1));
     }
     constexpr float kInverse = 1.0f / kPostSteps;
-    std::array<float, kMost> rise;
+    std::array<float, kMax> rise;
     terrain::cubicHeights(places, static_cast<int>(found), kInverse, kInverse, rise.data());
     for (std::size_t k = 0; k < found; ++k) {
       float& height = heights[whose_[k]];
@@ -197,10 +197,10 @@ class Layer::Places {
   }
 
   const Step *x_ = nullptr, *z_ = nullptr;
-  std::array<std::uint32_t, kMost> whose_, border_;  // found ones: first those whose posts are all of their tile, then the others
-  std::array<const Tile*, kMost> tile_;              // of the former
-  std::array<const std::int16_t*, kMost> first_;     // the first of their posts
-  std::array<Finder::Around, kMost> around_;         // of the latter
+  std::array<std::uint32_t, kMax> whose_, border_;  // found ones: first those whose posts are all of their tile, then the others
+  std::array<const Tile*, kMax> tile_;              // of the former
+  std::array<const std::int16_t*, kMax> first_;     // the first of their posts
+  std::array<Finder::Around, kMax> around_;         // of the latter
   std::size_t insides_ = 0, found_ = 0;
 };
 
@@ -208,7 +208,7 @@ void Layer::heights(const terrain::Terrain& terrain, std::span<const Step> x, st
   if (empty()) return terrain.heights(x, z, out);
   Finder finder(*this);
   std::array<Places, 4> places;
-  constexpr std::size_t kTogether = 4 * kMost;
+  constexpr std::size_t kTogether = 4 * kMax;
   for (std::size_t begin = 0; begin < out.size(); begin += kTogether) {
     const std::size_t end = std::min(begin + kTogether, out.size());
     const terrain::Extent extent = terrain::extentOf(&x[begin], &z[begin], end - begin);
@@ -220,9 +220,9 @@ void Layer::heights(const terrain::Terrain& terrain, std::span<const Step> x, st
       own();
       continue;
     }
-    for (std::size_t k = begin; k < end; k += kMost) places[(k - begin) / kMost].find(finder, &x[k], &z[k], std::min(kMost, end - k));
+    for (std::size_t k = begin; k < end; k += kMax) places[(k - begin) / kMax].find(finder, &x[k], &z[k], std::min(kMax, end - k));
     own();
-    for (std::size_t k = begin; k < end; k += kMost) places[(k - begin) / kMost].raise(wide_ > 0, &out[k]);
+    for (std::size_t k = begin; k < end; k += kMax) places[(k - begin) / kMax].raise(wide_ > 0, &out[k]);
   }
 }
 

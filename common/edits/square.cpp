@@ -101,7 +101,7 @@ Outcome<std::optional<Square>> decodeSquare(std::span<const std::uint8_t> rises,
     to = *decoded;
     return {};
   };
-  if (auto done = read(rises, out->rises, -kMostRise, kMostRise); !done) return done.error();
+  if (auto done = read(rises, out->rises, -kMaxRise, kMaxRise); !done) return done.error();
   if (auto done = read(materials, out->materials, 0, static_cast<std::int32_t>(kMaterials)); !done) return done.error();
   return out;
 }

@@ -94,7 +94,7 @@ Turns History::findChanged(Undoing& undo, Posts& changed) const {
     co_yield brush.effort() * kTileSide;
   }
   std::set<std::uint32_t> open;
-  co_yield addSmooths(boundsOf(undo.changed).wider(kMostPasses), undo.edit, last_ + 1, undo, open);
+  co_yield addSmooths(boundsOf(undo.changed).wider(kMaxPasses), undo.edit, last_ + 1, undo, open);
   while (!open.empty()) {
     const std::uint64_t edit = compacted_ + open.extract(open.begin()).value();
     const Operation smooth = operation(edit);
@@ -103,7 +103,7 @@ Turns History::findChanged(Undoing& undo, Posts& changed) const {
     if (countsAfter(undo, edit) && meets(area.wider(marginOf(smooth)), undo.changed)) {
       changed.add(area);
       if (const Posts fresh = addTo(undo.changed, area); !fresh.empty())
-        cost += addSmooths(fresh.wider(kMostPasses), edit, last_ + 1, undo, open);
+        cost += addSmooths(fresh.wider(kMaxPasses), edit, last_ + 1, undo, open);
     }
     co_yield cost;
   }
@@ -218,7 +218,7 @@ void History::dropCheckpoint(std::size_t k) {
 
 void History::boundCheckpoints(std::size_t from) {
   for (std::size_t k = from; k < checkpoints_.size(); ++k) weighCheckpoint(k);
-  while (checkpointBytes() > kMostCheckpointBytes) {
+  while (checkpointBytes() > kMaxCheckpointBytes) {
     const auto largest = std::ranges::max_element(checkpoints_, {}, &Checkpoint::bytes);
     dropCheckpoint(static_cast<std::size_t>(largest - checkpoints_.begin()));
   }

@@ -15,8 +15,8 @@ namespace {
 
 constexpr int kEncodeSpeed = 3, kDecodeSpeed = 3;  // slower speeds save less than 2 %
 constexpr int kNormalBits = 8;
-constexpr int kOriginBits = 2, kLeastRangeBits = 13;
-constexpr int kMostPositionBits = 24;  // quantised values must be exact in a float
+constexpr int kOriginBits = 2, kMinRangeBits = 13;
+constexpr int kMaxPositionBits = 24;  // quantised values must be exact in a float
 
 using Steps = std::array<std::int32_t, 3>;
 using Floats = std::vector<std::array<float, 3>>;
@@ -45,7 +45,7 @@ Quantisation quantisationOf(const std::vector<mesh::LocalVertex>& vertices) {
   for (const mesh::LocalVertex& v : vertices)
     for (std::size_t k = 0; k < 3; ++k)
       widest = std::max(widest, static_cast<std::uint32_t>(stepsOf(v)[k]) - static_cast<std::uint32_t>(least[k]));
-  return {least, shift, std::max({1, kLeastRangeBits - shift, static_cast<int>(std::bit_width(widest >> shift))})};
+  return {least, shift, std::max({1, kMinRangeBits - shift, static_cast<int>(std::bit_width(widest >> shift))})};
 }
 
 // The attribute's id; -1 where there is none.
@@ -63,7 +63,7 @@ int addAttribute(draco::Mesh& mesh, draco::GeometryAttribute::Type type, const F
 std::optional<DracoPrimitive> compress(const Leaf& leaf) {
   const auto& vertices = leaf.mesh->vertices;
   const auto [least, shift, bits] = quantisationOf(vertices);
-  if (bits > kMostPositionBits) return std::nullopt;
+  if (bits > kMaxPositionBits) return std::nullopt;
 
   draco::Mesh mesh;
   mesh.set_num_points(static_cast<std::uint32_t>(vertices.size()));

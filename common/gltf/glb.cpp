@@ -22,7 +22,7 @@ namespace ridgecast::gltf {
 namespace {
 
 constexpr char kDraco[] = "KHR_draco_mesh_compression";
-constexpr std::size_t kMostBytes = 0xf0000000u;
+constexpr std::size_t kMaxBytes = 0xf0000000u;
 constexpr double kNear = 0.5, kFar = 40'000;  // metres, of the camera
 
 using lattice::metres;
@@ -106,7 +106,7 @@ class Writer {
     model_.nodes.push_back(std::move(node));
     std::size_t bytes = compressed_.size();
     for (const Store& s : stores_) bytes += s.bytes.size();
-    if (bytes > kMostBytes) return Error{"the mesh is larger than the 4 GiB that a .glb can hold: ask for less"};
+    if (bytes > kMaxBytes) return Error{"the mesh is larger than the 4 GiB that a .glb can hold: ask for less"};
     return {};
   }
 

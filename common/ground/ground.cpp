@@ -54,9 +54,9 @@ class Above {
 
   // False if a distance lies beyond the lattice. Those before it are answered; `count` says how many.
   bool at(std::span<const double> distances, std::span<double> above, std::size_t& count) const {
-    constexpr std::size_t kMost = 256;
-    std::array<Step, kMost> x, z;
-    std::array<float, kMost> height;
+    constexpr std::size_t kMax = 256;
+    std::array<Step, kMax> x, z;
+    std::array<float, kMax> height;
     for (count = 0; count < distances.size(); ++count) {
       const double t = distances[count];
       x[count] = ray_.x + static_cast<Step>(std::floor(x_ * t * lattice::kStepsPerMetre + 0.5));

@@ -10,7 +10,7 @@ namespace ridgecast::points {
 namespace {
 
 // Of the neighbours' second moments (n in all, for each has 1): the determinant from which on a plane is sure, for n^2.
-constexpr double kLeastSpread = 1e-3;
+constexpr double kMinSpread = 1e-3;
 
 }  // namespace
 
@@ -39,14 +39,14 @@ Guess Guesser::fit(triangulation::Point2 at) {
   const double spread = cxx * czz - cxz * cxz;
   double level = sy / sum;
   const double n = static_cast<double>(ring_.size());
-  const bool isSure = spread > kLeastSpread * (n * n);
+  const bool isSure = spread > kMinSpread * (n * n);
   if (isSure) {
     const double p = (cxy * czz - czy * cxz) / spread, q = (czy * cxx - cxy * cxz) / spread;
     level = (sy - p * sx - q * sz) / sum;
   }
-  constexpr double kMost = lattice::kMaxHeight;
+  constexpr double kMax = lattice::kMaxHeight;
   const double y = std::floor(base + level);
-  return {static_cast<std::int32_t>(y > kMost ? kMost : y < -kMost ? -kMost : y), isSure};
+  return {static_cast<std::int32_t>(y > kMax ? kMax : y < -kMax ? -kMax : y), isSure};
 }
 
 }  // namespace ridgecast::points

@@ -31,9 +31,9 @@ constexpr std::optional<Metric> metricNamed(std::string_view name) {
   return found == kMetrics.end() ? std::nullopt : std::optional(static_cast<Metric>(found - kMetrics.begin()));
 }
 
-inline constexpr std::uint32_t kDefaultBudget = 500'000, kLeastBudget = 10'000, kMostBudget = 2'000'000;  // triangles
+inline constexpr std::uint32_t kDefaultBudget = 500'000, kMinBudget = 10'000, kMaxBudget = 2'000'000;  // triangles
 
-inline constexpr double kLeastColourError = 0.01, kMostColourError = 1;
+inline constexpr double kMinColourError = 0.01, kMaxColourError = 1;
 
 inline constexpr std::uint32_t kMaxCandidates = 20'000;  // of an iteration
 
@@ -48,7 +48,7 @@ struct Settings {
 };
 
 // What an iteration did. Milliseconds are wall time.
-struct Figures {
+struct IterationStats {
   double selectMs = 0, generateMs = 0, refineMs = 0, triangulateMs = 0, encodeMs = 0;
   std::uint32_t leaves = 0, visibleLeaves = 0, generatedLeaves = 0, droppedLeaves = 0;
   std::uint32_t triangles = 0, inserted = 0, removed = 0, deferred = 0;

@@ -1,6 +1,6 @@
 // Moves the mesh's samples along their rays onto the true surface. RASTER: the ground is a height map.
 // The mesh's plane gives the slope of the first step, the last two heights that of the others. A slope counts as at least a quarter of the
-// mesh's, and a step is at most what lifts the ground by kMostSamples samples' widths.
+// mesh's, and a step is at most what lifts the ground by kMaxSamples samples' widths.
 // The steps fail if they do not end within a sample's width of the ground, if they end on the wrong side of their start, or if the mesh is
 // seen edge on. Then the ray is searched from the mesh on, with growing steps: forwards above the ground, backwards below it. A crossing is
 // then located precisely. Where the mesh rises above the ground, the ray so reaches what lies behind, or the sky. Without a crossing the
@@ -9,7 +9,7 @@ uniform sampler2D correctSurface;  // of the mesh; w is 0 for sky, and for groun
 uniform int correctSteps;          // heights a sample where the mesh is near the ground; 0: it stays
 layout(location = 0) out vec4 surface;  // w is the mesh's
 
-const float kMostSamples = 8.0;
+const float kMaxSamples = 8.0;
 const int kBackSteps = 7, kSearchSteps = 32, kClosingSteps = 5, kOutstanding = 8;
 
 float correctGap(vec3 offset) {
@@ -94,7 +94,7 @@ void main() {
   float fall = across.w * upwards.w > 0.0 && abs(normal.y) > 1.0e-6 * length(normal) ? dot(ray, normal) / normal.y : ray.y;
   bool facing = fall < -0.05;  // else the plane says nothing: a silhouette, or ground seen along itself
   fall = min(fall, -0.02);
-  float width = viewFootprint(dot(surface.xyz, viewForward)), longest = kMostSamples * width / -fall;
+  float width = viewFootprint(dot(surface.xyz, viewForward)), longest = kMaxSamples * width / -fall;
   float slope = fall, best = t, gap = correctGap(surface.xyz), least = gap;
 #ifdef RASTER  // beyond what is known of a height map the mesh is all there is
   if (viewCameraY + surface.y - gap <= kUnknownHeight) return;
@@ -117,7 +117,7 @@ void main() {
   }
   if (!facing || abs(least) > 0.05 * width || (best - began) * first < 0.0) {
     best = began;
-    float from = began, over = first, stride = clamp(abs(first), width, kMostSamples * width), way = sign(first);
+    float from = began, over = first, stride = clamp(abs(first), width, kMaxSamples * width), way = sign(first);
     float to = from, under = over;
     for (int k = 0; k < kSearchSteps && over * under > 0.0; ++k) {
       from = to;
@@ -125,7 +125,7 @@ void main() {
       to = max(from + way * stride, 0.05);
       under = correctGap(ray * to);
       // In clear air by the height above ground, as a ray march does.
-      stride = max(min(1.5 * stride, 4.0 * kMostSamples * width), 0.3 * under);
+      stride = max(min(1.5 * stride, 4.0 * kMaxSamples * width), 0.3 * under);
       if (way < 0.0 ? k == kBackSteps || to <= 0.05 : to > viewHorizon) break;
     }
     if (over * under > 0.0 && to > viewHorizon) {

@@ -15,7 +15,7 @@ __attribute__((flatten, noinline)) void heightsOfBlock(const int* __restrict cel
                                                        const int* __restrict inZ, float* __restrict out, int count, uint seed) {
 #ifdef RIDGECAST_STEPS_LEFT
   for (int i = 0; i < count; ++i) {
-    RIDGECAST_STEPS_LEFT = kMostSteps;
+    RIDGECAST_STEPS_LEFT = kMaxSteps;
     const float h = terrainHeight(ivec2(cellX[i], cellZ[i]),
                                   vec2(static_cast<float>(inX[i]) * kStepOfCell, static_cast<float>(inZ[i]) * kStepOfCell), 0.0f, seed);
     out[i] = RIDGECAST_STEPS_LEFT < 0 ? __builtin_bit_cast(float, kOutOfSteps) : h;
@@ -61,7 +61,7 @@ void colours(const __INT64_TYPE__* x, const __INT64_TYPE__* z, const float* heig
              __SIZE_TYPE__ count, uint seed) {
   for (__SIZE_TYPE__ i = 0; i < count; ++i) {
 #ifdef RIDGECAST_STEPS_LEFT
-    RIDGECAST_STEPS_LEFT = kMostSteps;
+    RIDGECAST_STEPS_LEFT = kMaxSteps;
 #endif
     const vec3 c = terrainColor(ivec2(static_cast<int>(x[i] >> kCellBits), static_cast<int>(z[i] >> kCellBits)),
                                 vec2(static_cast<float>(static_cast<int>(static_cast<uint>(x[i]) & kInCell)) * kStepOfCell,

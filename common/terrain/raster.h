@@ -128,9 +128,9 @@ std::optional<GridPlace> onGrid(const Raster& map, lattice::Point place);
 
 // Places between samples, as a structure of arrays.
 struct CubicPlaces {
-  static constexpr std::size_t kMost = 64;
-  alignas(64) std::int32_t samples[16][kMost] = {};            // 4 x 4 around each place, along x first
-  alignas(64) float beyondX[kMost] = {}, beyondZ[kMost] = {};  // steps after the second column and row
+  static constexpr std::size_t kMax = 64;
+  alignas(64) std::int32_t samples[16][kMax] = {};           // 4 x 4 around each place, along x first
+  alignas(64) float beyondX[kMax] = {}, beyondZ[kMax] = {};  // steps after the second column and row
   void set(std::size_t place, const std::array<std::int32_t, 16>& around, float x, float z) {
     for (std::size_t i = 0; i < around.size(); ++i) samples[i][place] = around[i];
     beyondX[place] = x;

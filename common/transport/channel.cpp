@@ -20,8 +20,8 @@ namespace {
 
 constexpr std::size_t kRecordBytes = 16'384;  // the most that a TLS record carries
 constexpr unsigned char kHandshakeRecord = 22;
-constexpr int kMostPassedOver = 64;  // reads of what comes after the end
-constexpr std::size_t kMostHead = 8192;
+constexpr int kMaxPassedOver = 64;  // reads of what comes after the end
+constexpr std::size_t kMaxHead = 8192;
 
 }  // namespace
 
@@ -109,7 +109,7 @@ struct Channel::Body : std::enable_shared_from_this<Channel::Body> {
       const std::string_view text = head;
       if (text.substr(0, kUpgrade.size()) == kUpgrade || text.substr(0, kBegin.size()) != kBegin.substr(0, text.size())) return true;
       const auto blank = text.find("\r\n\r\n");
-      if (blank == std::string_view::npos || text.size() < kUpgrade.size()) return text.size() > kMostHead;
+      if (blank == std::string_view::npos || text.size() < kUpgrade.size()) return text.size() > kMaxHead;
       head.erase(0, blank + 4);
       interim();
     }
@@ -203,7 +203,7 @@ void Channel::finish(Done done) {
     });
   error_code ignored;
   body_->socket.shutdown(tcp::socket::shutdown_send, ignored);
-  body_->passOver(kMostPassedOver, std::move(done));
+  body_->passOver(kMaxPassedOver, std::move(done));
 }
 
 void Channel::expires_at(Clock::time_point when) {

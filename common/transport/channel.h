@@ -87,15 +87,15 @@ class Channel {
   void close();
 
  private:
-  static constexpr std::size_t kMostBuffers = 8;  // of one operation; what more there is follows in the next
-  using MutableBuffers = std::array<boost::asio::mutable_buffer, kMostBuffers>;
-  using ConstBuffers = std::array<boost::asio::const_buffer, kMostBuffers>;
+  static constexpr std::size_t kMaxBuffers = 8;  // of one operation; what more there is follows in the next
+  using MutableBuffers = std::array<boost::asio::mutable_buffer, kMaxBuffers>;
+  using ConstBuffers = std::array<boost::asio::const_buffer, kMaxBuffers>;
   template <class Some, class Buffers>
   static Some some(const Buffers& buffers) {
     Some out;
     std::size_t count = 0;
     const auto end = boost::asio::buffer_sequence_end(buffers);
-    for (auto at = boost::asio::buffer_sequence_begin(buffers); at != end && count < kMostBuffers; ++at)
+    for (auto at = boost::asio::buffer_sequence_begin(buffers); at != end && count < kMaxBuffers; ++at)
       if (typename Some::value_type buffer = *at; buffer.size() > 0) out[count++] = buffer;
     return out;
   }

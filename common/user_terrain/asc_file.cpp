@@ -16,7 +16,7 @@
 namespace ridgecast::user_terrain {
 namespace {
 
-constexpr std::size_t kMostWord = 64;  // characters
+constexpr std::size_t kMaxWord = 64;  // characters
 
 class AscFile final : public RasterFile {
  public:
@@ -53,7 +53,7 @@ class AscFile final : public RasterFile {
       const std::string word = first_.empty() ? next() : std::exchange(first_, {});
       if (word.empty()) return Error{name_ + ": it ends in row " + std::to_string(row_) + "; it is cut off"};
       const auto value = sampleOf(word);
-      if (!value || word.size() > kMostWord)
+      if (!value || word.size() > kMaxWord)
         return Error{name_ + ": '" + shown(word) + "' at column " + std::to_string(x) + ", row " + std::to_string(row_) +
                      " is not a number"};
       out[x] = *value;
@@ -130,7 +130,7 @@ class AscFile final : public RasterFile {
       const bool isBlank = c == ' ' || (c >= '\t' && c <= '\r');
       if (isBlank && !out.empty()) return out;
       if (!isBlank) out += c;
-      if (out.size() > kMostWord) return out;
+      if (out.size() > kMaxWord) return out;
     }
   }
 

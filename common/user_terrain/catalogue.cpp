@@ -37,9 +37,9 @@ class Compiled final : public terrain::Terrain {
   void heights(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out) const override {
     const std::size_t count = std::min({x.size(), z.size(), out.size()});
     library_->heights()(x.data(), z.data(), out.data(), count, seed_);
-    constexpr float kMost = static_cast<float>(lattice::kMaxHeight * lattice::kMetresPerStep);
+    constexpr float kMax = static_cast<float>(lattice::kMaxHeight * lattice::kMetresPerStep);
     bool fine = true;
-    for (std::size_t i = 0; i < count; ++i) fine &= std::abs(out[i]) <= kMost;  // false also for NaN
+    for (std::size_t i = 0; i < count; ++i) fine &= std::abs(out[i]) <= kMax;  // false also for NaN
     if (fine) return;
     for (std::size_t i = 0; i < count; ++i) {
       const std::string_view fault = faultOf(out[i]);
@@ -47,7 +47,7 @@ class Compiled final : public terrain::Terrain {
       if (!told_.exchange(true, std::memory_order_relaxed) && complain_)
         complain_(source_.file + ": the height at " + placeText(x[i], z[i]) + " " + std::string(fault) + "; taken for " +
                   (std::isnan(out[i]) ? "0" : "the nearest that is possible") + ", here and wherever it happens again");
-      out[i] = std::isnan(out[i]) ? 0.0f : std::clamp(out[i], -kMost, kMost);
+      out[i] = std::isnan(out[i]) ? 0.0f : std::clamp(out[i], -kMax, kMax);
     }
   }
 
@@ -78,11 +78,11 @@ Outcome<std::string> readText(const std::filesystem::path& file) {
   std::error_code failed;
   const auto status = std::filesystem::status(file, failed);
   if (failed || !std::filesystem::is_regular_file(status)) return Error{"there is no file " + file.string()};
-  auto text = text::readFile(file, kMostText);
+  auto text = text::readFile(file, kMaxText);
   if (!text) return Error{"cannot read " + file.string()};
-  if (text->size() > kMostText)
+  if (text->size() > kMaxText)
     return Error{file.string() + ": the file has " + std::to_string(std::filesystem::file_size(file, failed)) +
-                 " bytes; a terrain file has at most " + std::to_string(kMostText)};
+                 " bytes; a terrain file has at most " + std::to_string(kMaxText)};
   if (text->starts_with("\xef\xbb\xbf")) text->erase(0, 3);
   std::erase(*text, '\r');
   return {boost::system::in_place_value, withLinesJoined(*text)};
@@ -94,7 +94,7 @@ const terrain::Description* builtIn(std::string_view name) {
   return nullptr;
 }
 
-constexpr std::size_t kMostName = 128;  // clients ask for no longer ones
+constexpr std::size_t kMaxName = 128;  // clients ask for no longer ones
 
 bool isGlsl(const std::filesystem::path& file) { return file.extension() == ".glsl"; }
 
@@ -113,8 +113,8 @@ std::vector<std::filesystem::path> filesIn(const std::filesystem::path& folder) 
 std::string problemOf(const std::filesystem::path& file, const std::vector<std::filesystem::path>& all) {
   const std::string name = file.stem().string(), begin = file.string() + ": ";
   if (builtIn(name)) return begin + name + " is the name of a built-in terrain; rename the file";
-  if (name.size() > kMostName || !text::hasOnly(name, "_-"))
-    return begin + "rename it: a terrain's name has up to " + std::to_string(kMostName) + " letters, digits, underscores or hyphens";
+  if (name.size() > kMaxName || !text::hasOnly(name, "_-"))
+    return begin + "rename it: a terrain's name has up to " + std::to_string(kMaxName) + " letters, digits, underscores or hyphens";
   for (const auto& other : all)
     if (other.stem() == file.stem() && other != file)
       return begin + "rename it or " + other.filename().string() + ": two terrains cannot have the name " + name;

@@ -4,7 +4,7 @@
 //
 // A GLSL file is checked (check.h), translated (translate.h), compiled for this machine and cached (library.h), tried in its own process
 // (probe.h) and loaded. After that every batch of heights is checked: NaN becomes 0, absurd values are clamped, loops end after
-// kMostSteps steps, and the first such place is reported.
+// kMaxSteps steps, and the first such place is reported.
 
 #include <cstdint>
 #include <filesystem>

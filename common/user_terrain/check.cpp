@@ -149,9 +149,9 @@ Outcome<void> checkSignature(std::string_view file, const Checked& c, std::strin
 }  // namespace
 
 Outcome<void> checkText(std::string_view file, std::string_view text) {
-  if (text.size() > kMostText)
+  if (text.size() > kMaxText)
     return Error{std::string(file) + ": the file has " + std::to_string(text.size()) + " bytes; a terrain file has at most " +
-                 std::to_string(kMostText)};
+                 std::to_string(kMaxText)};
   if (const auto wrong = notUtf8(text)) return Error{at(file, lineOf(text, *wrong)) + "this is not UTF-8 text; save the file as UTF-8"};
   const std::string code = withoutComments(text);
   std::vector<std::string> wrong;
@@ -202,7 +202,7 @@ Outcome<Checked> checkGlsl(std::string_view file, std::string_view text, const s
   if (!end) return end.error();
   const std::size_t marker = end->output.find("#line 1 1\n");
   // The child's output is cut at its limit. Longer output comes from macros.
-  if (end->status != 0 || marker == std::string::npos || end->output.size() >= kMostOutput)
+  if (end->status != 0 || marker == std::string::npos || end->output.size() >= kMaxOutput)
     return Error{std::string(file) + ": too long once its macros are expanded; write functions instead"};
   Checked out;
   auto tokens = tokenise(file, std::string_view(end->output).substr(marker + 10));

@@ -12,7 +12,7 @@
 
 namespace ridgecast::user_terrain {
 
-inline constexpr std::size_t kMostText = 256 << 10;  // bytes
+inline constexpr std::size_t kMaxText = 256 << 10;  // bytes
 
 // The checks that need no compiler.
 Outcome<void> checkText(std::string_view file, std::string_view text);

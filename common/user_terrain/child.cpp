@@ -79,7 +79,7 @@ bool readAll(int from, Clock::time_point until, const std::stop_token& stop, std
     const ssize_t n = read(from, buffer, sizeof buffer);
     if (n < 0 && errno == EINTR) continue;
     if (n <= 0) return true;
-    output.append(buffer, std::min(static_cast<std::size_t>(n), kMostOutput - output.size()));
+    output.append(buffer, std::min(static_cast<std::size_t>(n), kMaxOutput - output.size()));
   }
 }
 
@@ -126,7 +126,7 @@ Outcome<ChildEnd> runChild(const std::filesystem::path& program, const std::vect
   close(ends[1]);
 
   ChildEnd out;
-  const auto until = Clock::now() + kMostWaiting * limits.time;
+  const auto until = Clock::now() + kMaxWaiting * limits.time;
   bool isOver = !readAll(ends[0], until, stop, out.output);
   close(ends[0]);
   // The output may end before the child does. Wait without reaping, so that nobody else gets its group's number.

@@ -15,14 +15,14 @@
 
 namespace ridgecast::user_terrain {
 
-inline constexpr std::size_t kMostOutput = 1 << 20;  // bytes of output that are kept
+inline constexpr std::size_t kMaxOutput = 1 << 20;  // bytes of output that are kept
 
-inline constexpr int kMostWaiting = 6;  // how many times its processor time a program may take while others want the processors
+inline constexpr int kMaxWaiting = 6;  // how many times its processor time a program may take while others want the processors
 
 inline constexpr std::chrono::milliseconds kLook{20};  // between two looks at a stop token
 
 struct ChildLimits {
-  std::chrono::seconds time{60};  // of a processor, each process; after kMostWaiting times that, by the clock, all are killed
+  std::chrono::seconds time{60};  // of a processor, each process; after kMaxWaiting times that, by the clock, all are killed
   std::uint64_t memory = std::uint64_t{3} << 30;     // bytes of address space, each process
   std::uint64_t fileSize = std::uint64_t{64} << 20;  // bytes, each file it writes
   std::optional<Reach> reach = {};                   // none: all; the kernel must keep it (ReachRules::areKept)
@@ -32,7 +32,7 @@ struct ChildEnd {
   bool timedOut = false;  // not so where only a process that it started took too much of a processor
   int status = -1;        // exit status; -1 if a signal ended it
   int signal = 0;         // that ended it
-  std::string output;     // stdout and stderr together, the first kMostOutput
+  std::string output;     // stdout and stderr together, the first kMaxOutput
 };
 
 // The path of the program with this name, by PATH.

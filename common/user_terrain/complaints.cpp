@@ -12,7 +12,7 @@
 namespace ridgecast::user_terrain {
 namespace {
 
-constexpr std::size_t kMostColumns = 200;  // of a line that is shown
+constexpr std::size_t kMaxColumns = 200;  // of a line that is shown
 
 // 0: the complaint names none.
 std::size_t lineOf(std::string_view file, std::string_view complaint) {
@@ -124,9 +124,9 @@ Error joined(std::string_view file, std::vector<std::string> complaints) {
   std::set<std::string> seen;
   std::erase_if(complaints, [&](const std::string& c) { return !seen.insert(c).second; });
   std::string out;
-  for (std::size_t k = 0; k < std::min(complaints.size(), kMostComplaints); ++k) out.append(k ? "\n" : "").append(complaints[k]);
-  if (complaints.size() > kMostComplaints)
-    out.append("\n").append(file).append(": and ").append(std::to_string(complaints.size() - kMostComplaints)).append(" errors more");
+  for (std::size_t k = 0; k < std::min(complaints.size(), kMaxComplaints); ++k) out.append(k ? "\n" : "").append(complaints[k]);
+  if (complaints.size() > kMaxComplaints)
+    out.append("\n").append(file).append(": and ").append(std::to_string(complaints.size() - kMaxComplaints)).append(" errors more");
   return Error{std::move(out)};
 }
 
@@ -138,7 +138,7 @@ std::string explained(std::string_view file, std::string_view text, std::string_
     out.append(out.empty() ? "" : "\n").append(complaint);
     const std::size_t number = lineOf(file, complaint);
     const std::string_view line = number ? lineAt(text, number) : std::string_view();
-    if (trimmed(line).empty() || line.size() > kMostColumns) continue;
+    if (trimmed(line).empty() || line.size() > kMaxColumns) continue;
     const std::string_view token = tokenOf(complaint);
     const std::size_t nth = seen[{number, token}]++;
     const std::string_view stray = strayInt(line, token, complaint, nth);

@@ -10,7 +10,7 @@
 
 namespace ridgecast::user_terrain {
 
-inline constexpr std::size_t kMostComplaints = 20;  // of one message; the others are counted
+inline constexpr std::size_t kMaxComplaints = 20;  // of one message; the others are counted
 
 // By line, each once.
 Error joined(std::string_view file, std::vector<std::string> complaints);

@@ -160,7 +160,7 @@ Outcome<OnPlane> onPlane(const std::string& name, const Samples& source, const D
     return metres * terrain::kPartsPerMetre >= terrain::kMinPitch && metres * terrain::kPartsPerMetre <= terrain::kMaxPitch;
   };
   std::uint32_t times = kCloser;
-  while (times > 1 && !(isValid(pitchAt(times)) && rasterOf(half, pitchAt(times)).count() <= kMostCloser)) times /= 2;
+  while (times > 1 && !(isValid(pitchAt(times)) && rasterOf(half, pitchAt(times)).count() <= kMaxCloser)) times /= 2;
   const double metres = pitch.value_or(pitchAt(times));
   if (!isValid(metres))
     return Error{name + ": its samples are " + text::rounded(metres, 6) +
@@ -178,9 +178,9 @@ Outcome<OnPlane> onPlane(const std::string& name, const Samples& source, const D
     const auto row = made->row(j);
     for (std::uint32_t i = 0; i < made->width(); ++i) {
       const Place p = plane.from({(i - static_cast<double>(raster.across)) * raster.pitch, north});
-      constexpr double kMost = terrain::kMaxSample;
+      constexpr double kMax = terrain::kMaxSample;
       row[i] = static_cast<std::int32_t>(std::llround(
-          std::clamp(between(source, (p.longitude - grid.west) / grid.stepX, (grid.north - p.latitude) / grid.stepY), -kMost, kMost)));
+          std::clamp(between(source, (p.longitude - grid.west) / grid.stepX, (grid.north - p.latitude) / grid.stepY), -kMax, kMax)));
     }
   }
   const Fit fit = fitOf(*made, raster, plane, source, grid);

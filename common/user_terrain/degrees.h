@@ -13,7 +13,7 @@
 //
 // The samples on the plane are bicubic (Catmull-Rom) between the file's, on the largest rectangle around the middle that the file covers.
 // Samples as far apart as the file's would smooth it, by metres in mountains; a quarter as far apart, by some thirty times less. So unless
-// pitch= says otherwise they are kCloser times as close as the file's closer ones, half of that or as close, as kMostCloser allows.
+// pitch= says otherwise they are kCloser times as close as the file's closer ones, half of that or as close, as kMaxCloser allows.
 
 #include <cstdint>
 #include <optional>
@@ -37,7 +37,7 @@ int utmZone(double longitude, double latitude);
 Error inDegrees(const std::string& name, const DegreeGrid& grid, std::uint32_t width, std::uint32_t height);
 
 inline constexpr std::uint32_t kCloser = 4;
-inline constexpr std::uint64_t kMostCloser = std::uint64_t{1} << 24;  // samples that are closer than the file's
+inline constexpr std::uint64_t kMaxCloser = std::uint64_t{1} << 24;  // samples that are closer than the file's
 
 struct OnPlane {
   Samples samples;       // the middle one lies at the map's middle

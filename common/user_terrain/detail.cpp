@@ -84,10 +84,10 @@ class Refinement {
     }
     heightsAlong(0, fine_.x, fine_.z.of(z), out);
     const float beyondZ = beyond(z % parts_, fine_.z);
-    std::array<float, CubicPlaces::kMost> own, carried;
+    std::array<float, CubicPlaces::kMax> own, carried;
     bool fits = true;
-    for (std::size_t begin = 0; begin < out.size(); begin += CubicPlaces::kMost) {
-      const std::size_t count = std::min(out.size() - begin, CubicPlaces::kMost);
+    for (std::size_t begin = 0; begin < out.size(); begin += CubicPlaces::kMax) {
+      const std::size_t count = std::min(out.size() - begin, CubicPlaces::kMax);
       between(own_, begin, count, beyondZ, own.data());
       between(carried_, begin, count, beyondZ, carried.data());
       for (std::size_t k = 0; k < count; ++k) {
@@ -160,7 +160,7 @@ Outcome<Detailed> withDetail(const std::string& name, const Samples& map, const 
     return options.edge == Edge::kRepeat ? std::uint64_t{n} * parts : std::uint64_t{n - 1} * parts + 1;
   };
   const std::uint64_t width = refined(shape.width), height = refined(shape.height),
-                      most = std::min(kMostSamples, total / sizeof(std::int32_t));
+                      most = std::min(kMaxSamples, total / sizeof(std::int32_t));
   if (width > most || height > most / width)
     return Error{name + ": with detail it has " + std::to_string(width) + " x " + std::to_string(height) + " samples, more than the " +
                  std::to_string(most) + " that there is room for: say fewer parts (detail=" + detail.terrain + ":" +

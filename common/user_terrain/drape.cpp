@@ -104,8 +104,8 @@ Outcome<void> judgePlace(const std::string& name, const RasterHeader& picture, c
   if (picture.epsg != map.epsg)
     return Error{name + ": it is in " + code(picture) + " and the height map in " + code(map) + ": warp it (gdalwarp -t_srs " + code(map) +
                  ")"};
-  constexpr double kLeast = 1e-3, kMost = 1e6;  // metres
-  if (!(std::min(*picture.pitch, picture.pitchDown) >= kLeast && std::max(*picture.pitch, picture.pitchDown) <= kMost))
+  constexpr double kMin = 1e-3, kMax = 1e6;  // metres
+  if (!(std::min(*picture.pitch, picture.pitchDown) >= kMin && std::max(*picture.pitch, picture.pitchDown) <= kMax))
     return Error{name + ": its pixels are " + text::rounded(*picture.pitch, 6) + " x " + text::rounded(picture.pitchDown, 6) +
                  " m wide; that must be 0.001 m to 1,000 km: correct its pixel size (gdalwarp -tr)"};
   const double west = *map.easting, north = *map.northing, east = west + (map.width - 1) * *map.pitch,

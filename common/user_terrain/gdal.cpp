@@ -9,7 +9,7 @@
 namespace ridgecast::user_terrain {
 namespace {
 
-constexpr int kMostMegabytes = 256;  // of GDAL's cache
+constexpr int kMaxMegabytes = 256;  // of GDAL's cache
 
 // Drivers that ask a server for what a small file names.
 constexpr const char* kSkipped =
@@ -35,7 +35,7 @@ Outcome<std::string> Gdal::run(const char* program, std::vector<std::string> arg
   const std::filesystem::path log = file("log");
   for (const auto& [key, value] : {std::pair<std::string, std::string>{"CPL_LOG", log.string()},
                                    {"GDAL_SKIP", kSkipped},
-                                   {"GDAL_CACHEMAX", std::to_string(kMostMegabytes)},
+                                   {"GDAL_CACHEMAX", std::to_string(kMaxMegabytes)},
                                    {"GDAL_MAX_DATASET_POOL_SIZE", "64"},
                                    {"CPL_VSIL_CURL_ALLOWED_FILENAME", "none"},
                                    {"GDAL_HTTP_PROXY", "127.0.0.1:9"},

@@ -27,8 +27,8 @@ bool isArchive(const std::filesystem::path& file) {
 using Json = nlohmann::json;
 using std::filesystem::path;
 
-constexpr std::size_t kMostFilesOfFolder = 4096;
-constexpr std::uint64_t kMostTranslated = std::uint64_t{1} << 30;  // samples
+constexpr std::size_t kMaxFilesOfFolder = 4096;
+constexpr std::uint64_t kMaxTranslated = std::uint64_t{1} << 30;  // samples
 
 struct Unit {
   std::string_view name;
@@ -113,7 +113,7 @@ class Reading {
       if (entry.is_regular_file(failed) && isRasterName(entry.path().string()))
         files.push_back(std::filesystem::absolute(entry.path()).string());
     if (files.empty()) return error("there is no height map in this folder");
-    if (files.size() > kMostFilesOfFolder)
+    if (files.size() > kMaxFilesOfFolder)
       return error("there are more than 4,096 height maps in this folder: make one of them (gdalbuildvrt)");
     std::ranges::sort(files);
     source_ = tools_.file("mosaic.vrt");
@@ -244,7 +244,7 @@ class Reading {
                                             : 4);
     std::error_code failed;
     const auto room = std::filesystem::space(tools_.file(""), failed);
-    if (std::uint64_t{header_.width} * header_.height > kMostTranslated || (!failed && room.available < 2 * bytes))
+    if (std::uint64_t{header_.width} * header_.height > kMaxTranslated || (!failed && room.available < 2 * bytes))
       return error(
           "GDAL's programs would write " + std::to_string(2 * bytes / 1'000'000) +
           " MB, for more than 2^30 samples or more than there is room for: make a plain GeoTIFF of it (gdal_translate), or set TMPDIR "

@@ -62,7 +62,7 @@ std::string programText(const Translation& t) {
       .append(terrain::prelude())
       .append("\n");
   if (t.bounded) {
-    out.append("thread_local int stepsLeft__;\nconstexpr int kMostSteps = ").append(std::to_string(kMostSteps));
+    out.append("thread_local int stepsLeft__;\nconstexpr int kMaxSteps = ").append(std::to_string(kMaxSteps));
     out.append(";\nconstexpr uint kOutOfSteps = ")
         .append(std::to_string(kOutOfSteps))
         .append("u;\n#define RIDGECAST_STEPS_LEFT stepsLeft__\n");
@@ -161,7 +161,7 @@ std::filesystem::path Cache::fileFor(std::string_view text, std::string_view var
         terrain::batch(), variant, std::string_view(embedded::translate)})
     all.append(1, '\0').append(part);
   for (const std::string& flag : kCommonFlags) all.append(1, '\0').append(flag);
-  all += std::to_string(kMostSteps) + (colours ? "c" : "");
+  all += std::to_string(kMaxSteps) + (colours ? "c" : "");
   return folder_ / (text::hexadecimal(hashed(first, all)) + text::hexadecimal(hashed(second, all)) + "-" + std::string(variant) + ".so");
 }
 
@@ -181,9 +181,9 @@ void Cache::trim() const {
     const auto used = entry.last_write_time(failed);
     if (!failed) kept.emplace_back(used, entry.path());
   }
-  if (kept.size() <= kMostKept) return;
+  if (kept.size() <= kMaxKept) return;
   std::ranges::sort(kept);
-  for (std::size_t k = 0; k < kept.size() - kMostKept; ++k) std::filesystem::remove(kept[k].second, failed);
+  for (std::size_t k = 0; k < kept.size() - kMaxKept; ++k) std::filesystem::remove(kept[k].second, failed);
 }
 
 Outcome<void> compile(std::string_view file, const Translation& translation, std::string_view variant, const std::filesystem::path& target,

@@ -48,10 +48,10 @@ class Cache {
   // Where the compilation of this text for this instruction set is, or belongs. Depends on all its inputs.
   std::filesystem::path fileFor(std::string_view text, std::string_view variant, bool colours = false) const;
   bool has(const std::filesystem::path& file) const;  // a file of this user's; marks it as used now
-  // Removes the least recently used files beyond kMostKept: otherwise clients that create sessions could fill the disk with parameters.
+  // Removes the least recently used files beyond kMaxKept: otherwise clients that create sessions could fill the disk with parameters.
   // Loaded libraries stay loaded.
   void trim() const;
-  static constexpr std::size_t kMostKept = 256;
+  static constexpr std::size_t kMaxKept = 256;
 
  private:
   explicit Cache(std::filesystem::path folder) : folder_(std::move(folder)) {}

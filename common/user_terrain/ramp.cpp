@@ -15,7 +15,7 @@
 namespace ridgecast::user_terrain {
 namespace {
 
-constexpr std::size_t kMostBytes = 1 << 20;
+constexpr std::size_t kMaxBytes = 1 << 20;
 
 struct Stop {
   double height = 0;
@@ -85,9 +85,9 @@ bool isRamp(const std::filesystem::path& file) { return file.extension() == ".tx
 
 Outcome<std::unique_ptr<RasterFile>> openRamp(const std::filesystem::path& file, const Samples& samples, const RasterHeader& map) {
   const std::string name = file.string();
-  const auto read = text::readFile(file, kMostBytes);
+  const auto read = text::readFile(file, kMaxBytes);
   if (!read) return Error{name + ": there is no such file, or it cannot be read"};
-  if (read->size() > kMostBytes) return Error{name + ": it is longer than 1 MiB, too long for a colour ramp"};
+  if (read->size() > kMaxBytes) return Error{name + ": it is longer than 1 MiB, too long for a colour ramp"};
   std::vector<Stop> stops;
   std::string_view rest = *read;
   for (int line = 1; !rest.empty(); ++line) {

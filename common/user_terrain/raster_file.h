@@ -23,11 +23,11 @@
 namespace ridgecast::user_terrain {
 
 // The most samples of a map, and the most memory for one of its rows, tiles or rows of tiles while reading.
-inline constexpr std::uint64_t kMostSamples = std::uint64_t{1} << 32;
-inline constexpr std::uint64_t kMostRowBytes = std::uint64_t{256} << 20;
+inline constexpr std::uint64_t kMaxSamples = std::uint64_t{1} << 32;
+inline constexpr std::uint64_t kMaxRowBytes = std::uint64_t{256} << 20;
 // Packed data unpacks to at most this many times its length; a file that claims more is broken or malicious. (Deflate reaches 1,032.) Up to
 // kBelieved bytes it may be an empty sea, but for a single row.
-inline constexpr std::uint64_t kMostUnpacked = 2000, kBelieved = std::uint64_t{512} << 20;
+inline constexpr std::uint64_t kMaxUnpacked = 2000, kBelieved = std::uint64_t{512} << 20;
 
 struct RasterHeader {
   std::uint32_t width = 0, height = 0;         // samples

@@ -31,9 +31,9 @@ Outcome<void> addRasterOption(std::string_view assignment, RasterOptions& o) {
   const std::string_view name = text::takePart(value, '=');
   const auto wrong = [&](const std::string& right) { return Error{"--raster " + std::string(assignment.substr(0, 64)) + ": " + right}; };
   if (name == "pitch") {
-    constexpr double kLeast = terrain::kMinPitch / terrain::kPartsPerMetre, kMost = terrain::kMaxPitch / terrain::kPartsPerMetre;
+    constexpr double kMin = terrain::kMinPitch / terrain::kPartsPerMetre, kMax = terrain::kMaxPitch / terrain::kPartsPerMetre;
     const auto v = text::number<double>(value);
-    if (!v || *v < kLeast || *v > kMost) return wrong("pitch is the distance between samples, 0.0625 to 1024 metres");
+    if (!v || *v < kMin || *v > kMax) return wrong("pitch is the distance between samples, 0.0625 to 1024 metres");
     o.pitch = *v;
   } else if (name == "scale" || name == "offset") {
     const auto v = text::number<double>(value);

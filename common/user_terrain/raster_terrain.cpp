@@ -62,8 +62,8 @@ class RasterTerrain final : public terrain::Terrain, public terrain::Raster {
   void heights(std::span<const Step> x, std::span<const Step> z, std::span<float> out) const override {
     std::array<std::int32_t, 16> around;
     thread_local terrain::CubicPlaces places;
-    for (std::size_t begin = 0; begin < out.size(); begin += terrain::CubicPlaces::kMost) {
-      const std::size_t count = std::min<std::size_t>(out.size() - begin, terrain::CubicPlaces::kMost);
+    for (std::size_t begin = 0; begin < out.size(); begin += terrain::CubicPlaces::kMax) {
+      const std::size_t count = std::min<std::size_t>(out.size() - begin, terrain::CubicPlaces::kMax);
       for (std::size_t k = 0; k < count; ++k) {
         const terrain::Between bx = shape_.x.at(x[begin + k]), bz = shape_.z.at(z[begin + k]);
         samples(bx.sample - 1, bz.sample - 1, 4, 4, around.data());
@@ -190,8 +190,8 @@ Outcome<terrain::RasterShape> shapeOf(const std::string& name, const RasterHeade
   if (options.geographic) {
     if (!header.easting) return Error{name + ": it does not say where it lies: leave --raster place=geo out"};
     const double x = std::round(*header.easting * lattice::kStepsPerMetre), z = std::round(-*header.northing * lattice::kStepsPerMetre);
-    constexpr double kMost = static_cast<double>(lattice::kMaxPosition);
-    if (!(std::abs(x) <= kMost && std::abs(z) <= kMost))
+    constexpr double kMax = static_cast<double>(lattice::kMaxPosition);
+    if (!(std::abs(x) <= kMax && std::abs(z) <= kMax))
       return Error{name + ": it says that it lies beyond 4.39e12 m: leave --raster place=geo out"};
     shape.x.origin = static_cast<Step>(x);
     shape.z.origin = static_cast<Step>(z);

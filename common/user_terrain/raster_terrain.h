@@ -26,7 +26,7 @@ namespace ridgecast::user_terrain {
 // refused.
 struct MapLimits {
   std::uint64_t inMemory = std::uint64_t{1} << 30;
-  std::uint64_t total = std::uint64_t{1} << 34;  // the largest map alone: kMostSamples
+  std::uint64_t total = std::uint64_t{1} << 34;  // the largest map alone: kMaxSamples
 };
 
 // Maps an index on the endless axis to a map of n samples, n >= 2; empty: beyond the edge, with a constant there.

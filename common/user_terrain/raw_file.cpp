@@ -47,14 +47,14 @@ Outcome<void> checkClaim(const std::string& file, std::uint64_t width, std::uint
                          bool packed) {
   const std::string claim = std::to_string(width) + " x " + std::to_string(height) + " samples";
   if (width < 2 || height < 2) return Error{file + ": it has " + claim + "; there are at least 2 x 2"};
-  if (width > 0xffffffffu || height > 0xffffffffu || width > kMostSamples / height)
+  if (width > 0xffffffffu || height > 0xffffffffu || width > kMaxSamples / height)
     return Error{file + ": it claims " + claim + "; there are at most 2^32"};
   const std::uint64_t bytes = width * height * sampleBytes;
-  const bool isTooWell = (bytes > kBelieved && bytes / kMostUnpacked > size) || width * sampleBytes / kMostUnpacked > size;
+  const bool isTooWell = (bytes > kBelieved && bytes / kMaxUnpacked > size) || width * sampleBytes / kMaxUnpacked > size;
   if (packed ? isTooWell : bytes > size)
     return Error{file + ": it claims " + claim + ", " + std::to_string(bytes) + " bytes, but the file has only " + std::to_string(size) +
                  "; it is cut off or broken"};
-  if (width * sampleBytes > kMostRowBytes) return Error{file + ": a row of " + std::to_string(width) + " samples is too long to read"};
+  if (width * sampleBytes > kMaxRowBytes) return Error{file + ": a row of " + std::to_string(width) + " samples is too long to read"};
   return {};
 }
 

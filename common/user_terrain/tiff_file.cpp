@@ -27,7 +27,7 @@ constexpr std::uint32_t kPixelScale = 33550, kTiePoint = 33922, kTransformation 
                         kNoData = 42113, kMetadata = 42112;
 constexpr std::uint16_t kMetre = 9001, kFoot = 9002, kSurveyFoot = 9003, kDegree = 9102, kGreenwich = 8901;  // EPSG's numbers
 constexpr std::uint16_t kOwn = 32767;                                                                        // defined by the file
-constexpr int kMostPages = 64;                                                                               // looked at
+constexpr int kMaxPages = 64;                                                                                // looked at
 
 thread_local std::string complaint;  // libtiff's first error since it was last cleared
 
@@ -147,7 +147,7 @@ class TiffFile final : public RasterFile {
       kind = 0;
       TIFFGetFieldDefaulted(tiff_, TIFFTAG_SUBFILETYPE, &kind);
       if (kind & FILETYPE_MASK) header_.unread = "it has a mask";
-      if (page == kMostPages || (!(kind & FILETYPE_REDUCEDIMAGE) && header_.unread.empty()))
+      if (page == kMaxPages || (!(kind & FILETYPE_REDUCEDIMAGE) && header_.unread.empty()))
         return Error{name_ + ": it has several pages: take one of them (gdal_translate GTIFF_DIR:1:" + name_ + ")"};
     }
     if (!complaint.empty()) return broken("its page " + std::to_string(page + 1) + " cannot be read");
@@ -219,13 +219,13 @@ class TiffFile final : public RasterFile {
       TIFFGetField(tiff_, TIFFTAG_TILELENGTH, &tileHeight_);
       const std::uint64_t across = tileWidth_ ? (std::uint64_t{header_.width} + tileWidth_ - 1) / tileWidth_ : 0;
       if (!tileWidth_ || !tileHeight_ || tileWidth_ > 65536 || tileHeight_ > 65536 ||
-          across * tileWidth_ * tileHeight_ * pixelBytes_ > kMostRowBytes)
+          across * tileWidth_ * tileHeight_ * pixelBytes_ > kMaxRowBytes)
         return Error{name_ + ": its tiles of " + std::to_string(tileWidth_) + " x " + std::to_string(tileHeight_) +
                      " are too large to read"};
       rowBytes_ = across * tileWidth_ * pixelBytes_;
     } else {
       rowBytes_ = static_cast<std::size_t>(TIFFScanlineSize64(tiff_));
-      if (rowBytes_ < std::uint64_t{header_.width} * pixelBytes_ || rowBytes_ > kMostRowBytes)
+      if (rowBytes_ < std::uint64_t{header_.width} * pixelBytes_ || rowBytes_ > kMaxRowBytes)
         return broken("its rows have an impossible length");
     }
     const std::uint32_t pieces = tileWidth_ ? TIFFNumberOfTiles(tiff_) : TIFFNumberOfStrips(tiff_);

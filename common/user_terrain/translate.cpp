@@ -14,9 +14,9 @@
 namespace ridgecast::user_terrain {
 namespace {
 
-constexpr std::size_t kMostTripsWrittenOut = 32;
-constexpr double kMostInlined = 300'000;     // words; g++ takes about a minute for this many
-constexpr std::size_t kMostTokens = 60'000;  // of the translation; loops that would exceed it are not unrolled
+constexpr std::size_t kMaxTripsWrittenOut = 32;
+constexpr double kMaxInlined = 300'000;     // words; g++ takes about a minute for this many
+constexpr std::size_t kMaxTokens = 60'000;  // of the translation; loops that would exceed it are not unrolled
 
 // Reserved in C++ but not in GLSL, each between spaces.
 constexpr std::string_view kClaimed =
@@ -79,7 +79,7 @@ class Translator {
   Outcome<Translation> run() {
     collect();
     for (const std::string name : {"terrainHeight", "terrainColor"})
-      if (const double size = inlined(name); size > kMostInlined && (out_.colours || name == "terrainHeight"))
+      if (const double size = inlined(name); size > kMaxInlined && (out_.colours || name == "terrainHeight"))
         return Error{std::string(file_) + ": with all its calls written out " + name + " would be " +
                      std::to_string(static_cast<long long>(std::min(size, 1e15))) + " words long; it calls too much: write it shorter"};
     for (const std::string& name : functions_)
@@ -98,7 +98,7 @@ class Translator {
       }
     }
     if (!wrong_.empty()) return joined(file_, std::move(wrong_));
-    if (emitted_ > 4 * kMostTokens) return Error{std::string(file_) + ": this is too much for one terrain: write it shorter"};
+    if (emitted_ > 4 * kMaxTokens) return Error{std::string(file_) + ": this is too much for one terrain: write it shorter"};
     out_.text += "\n";
     return std::move(out_);
   }
@@ -313,7 +313,7 @@ class Translator {
                        (is(i + 9, "++") && is(i + 10, loop.name) && i + 11 == close) ||
                        (is(i + 9, loop.name) && is(i + 10, "+=") && is(i + 11, "1") && i + 12 == close);
     const long trips = *last - *first + (is(i + 6, "<=") ? 1 : 0);
-    if (!steps || trips > static_cast<long>(kMostTripsWrittenOut)) return std::nullopt;
+    if (!steps || trips > static_cast<long>(kMaxTripsWrittenOut)) return std::nullopt;
     std::size_t called = 0;  // where the last call of what writes its arguments ends
     for (std::size_t k = close + 1; k < bodyEnd; ++k) {
       if (is(k, "break") || is(k, "continue")) return std::nullopt;
@@ -364,8 +364,8 @@ class Translator {
   std::size_t forLoop(std::size_t i) {
     const std::size_t open = i + 1, close = closing(tokens_, open), end = statementEnd(close + 1);
     scopes_.emplace_back();
-    if (const auto loop = counted(open, close, end); loop && emitted_ + loop->trips * (end - close) < kMostTokens) {
-      for (std::size_t k = 0; k < loop->trips && emitted_ <= 4 * kMostTokens; ++k) {
+    if (const auto loop = counted(open, close, end); loop && emitted_ + loop->trips * (end - close) < kMaxTokens) {
+      for (std::size_t k = 0; k < loop->trips && emitted_ <= 4 * kMaxTokens; ++k) {
         put(i, (k == 0 ? "{ { const int " : "{ const int ") + declare(open + 1, open + 2, renamed(loop->name)) + " = " +
                    std::to_string(loop->first + static_cast<long>(k)) + ";");
         emit(close + 1, end);
@@ -420,7 +420,7 @@ class Translator {
   }
 
   void emit(std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end && emitted_ <= 4 * kMostTokens; ++i) {
+    for (std::size_t i = begin; i < end && emitted_ <= 4 * kMaxTokens; ++i) {
       const Token& t = tokens_[i];
       if (t.kind == Kind::kNumber) {
         const bool whole = t.text.find_first_of(".eE") == std::string::npos || t.text.starts_with("0x") || t.text.starts_with("0X");

@@ -1,7 +1,7 @@
 #pragma once
 // From checked GLSL to C++ that follows glsl_as_cpp.h, glsl_extras.h and prelude.glsl: the parts of the file that terrainHeight needs, and
 // terrainColor if possible (otherwise colours stay GLSL). Rewrites swizzles, `out`, arrays, literals and division. Unrolls small counted
-// loops, so that the loop over points becomes vector code. All other loops count down kMostSteps steps a point and then end.
+// loops, so that the loop over points becomes vector code. All other loops count down kMaxSteps steps a point and then end.
 
 #include <cstdint>
 #include <string>
@@ -12,7 +12,7 @@
 
 namespace ridgecast::user_terrain {
 
-inline constexpr int kMostSteps = 10'000;                 // of loops, for one height
+inline constexpr int kMaxSteps = 10'000;                  // of loops, for one height
 inline constexpr std::uint32_t kOutOfSteps = 0x7fc0dead;  // the bits of the NaN that replaces such a height
 
 struct Translation {

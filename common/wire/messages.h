@@ -22,7 +22,7 @@ inline constexpr std::uint32_t kProtocolVersion = 1;
 inline constexpr std::uint32_t kRevision = 6;
 
 using lattice::Candidate;
-using settings::Figures;
+using settings::IterationStats;
 using settings::kMaxCandidates;
 using settings::Metric;
 using settings::Settings;
@@ -187,7 +187,7 @@ struct Iteration {
   std::uint64_t meshHash = 0;
   bool settled = false;
   std::uint64_t edit = 0;  // the last that the mesh knows
-  Figures figures;
+  IterationStats figures;
   std::optional<std::vector<Candidate>> candidates{};  // the worst first; nothing: those before stay, where they are wanted
 };
 

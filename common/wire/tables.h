@@ -91,7 +91,7 @@ TABLE(Settings, Settings,
     FIELD(1, metric, metric, OneOf{kMetricNames}),
     FIELD(2, threshold, threshold, Range{0.0, kMaxThreshold}),
     FIELD(3, triangle_budget, triangleBudget), FIELD(4, bytes_per_second, bytesPerSecond), FIELD(5, candidates, candidates),
-    FIELD(6, colour_error, colourError, Range{0.0, settings::kMostColourError}));
+    FIELD(6, colour_error, colourError, Range{0.0, settings::kMaxColourError}));
 
 TABLE(Pose, PoseMessage,
     FIELD(1, sequence, sequence, atLeast(std::uint64_t{1})),
@@ -246,7 +246,7 @@ TABLE(World, World,
     FIELD(12, camera, camera), FIELD(13, revision, revision), FIELD(20, height_map, heightMap), FIELD(21, shaded_vertices, shadedVertices),
     FIELD(22, edit, edit), FIELD(23, compacted, compacted));
 
-TABLE(Figures, Figures,
+TABLE(Figures, IterationStats,
     FIELD(1, select_ms, selectMs, kMs),
     FIELD(2, generate_ms, generateMs, kMs),
     FIELD(3, refine_ms, refineMs, kMs),

@@ -185,7 +185,7 @@ void fetch(const terrain::Raster& map, const Axis& x, const Axis& z, std::vector
 
 // The heights of a tile, row by row.
 void evaluate(const Axis& x, const Axis& z, const std::vector<std::int32_t>& posts, const terrain::RasterShape& shape, float* out) {
-  constexpr std::size_t kMost = terrain::CubicPlaces::kMost, kRound = 4;
+  constexpr std::size_t kMax = terrain::CubicPlaces::kMax, kRound = 4;
   const std::size_t columns = x.posts(), across = x.before.size(), room = (across + kRound - 1) / kRound * kRound;
   // By row of posts, for each sample the four posts around it: first all first ones, then all second ones.
   thread_local std::vector<std::int32_t> around;
@@ -210,8 +210,8 @@ void evaluate(const Axis& x, const Axis& z, const std::vector<std::int32_t>& pos
   for (std::size_t j = 0; j < across; ++j) {
     const float stepsZ = terrain::Between{0, z.beyond[j]}.steps();
     for (std::size_t begin = 0; begin < across;) {
-      if (count + kRound > kMost) flush();
-      const std::size_t part = std::min(across - begin, (kMost - count) / kRound * kRound);
+      if (count + kRound > kMax) flush();
+      const std::size_t part = std::min(across - begin, (kMax - count) / kRound * kRound);
       for (std::size_t n = 0; n < 16; ++n) {
         const std::int32_t* const from = &around[((z.before[j] - 1) * 4 + n) * room + begin];
         for (std::size_t k = 0; k < part; k += kRound) std::copy_n(from + k, kRound, &places.samples[n][count + k]);

@@ -11,13 +11,13 @@ namespace ridgecast::box {
 
 namespace {
 
-constexpr std::size_t kAsked = 256, kOutliers = 4;        // places where noise is measured; so many may lie at a wall
-constexpr double kMostNoise = 1.0 / 4;                    // of the error
-constexpr double kSnapShare = 1.0 / 16;                   // of the error: what snapping a height may cost
-constexpr double kLeastSpacing = 32, kMostSpacing = 512;  // steps between samples of a formula, at first; as far as the error, in between
+constexpr std::size_t kAsked = 256, kOutliers = 4;     // places where noise is measured; so many may lie at a wall
+constexpr double kMaxNoise = 1.0 / 4;                  // of the error
+constexpr double kSnapShare = 1.0 / 16;                // of the error: what snapping a height may cost
+constexpr double kMinSpacing = 32, kMaxSpacing = 512;  // steps between samples of a formula, at first; as far as the error, in between
 // Samples for each triangle that there may be, and for all of them: at first, and in the end (430 MB; of a map 1.3 GB).
 constexpr double kFirstATriangle = 64, kFirstSamples = 1 << 24;
-constexpr std::uint64_t kMostATriangle = 256, kMostSamples = 100'000'000;
+constexpr std::uint64_t kMaxATriangle = 256, kMaxSamples = 100'000'000;
 
 // A formula's coordinates and heights are rounded, which makes small steps on slopes. Between neighbours on the lattice second differences
 // are these alone, and half of one is what they add to what wider samples show.
@@ -43,21 +43,21 @@ double noiseOf(const terrain::Terrain& terrain, lattice::Point low, lattice::Poi
 }  // namespace
 
 Plan::Plan(const Box& box, const terrain::Terrain& terrain, std::uint32_t mostTriangles)
-    : error(box.error), most(mostTriangles), samples(std::min(kMostSamples, kMostATriangle * most)) {
+    : error(box.error), most(mostTriangles), samples(std::min(kMaxSamples, kMaxATriangle * most)) {
   const double fits = kSnapShare * box.error * lattice::kStepsPerMetre;  // at most half a spacing of heights
   while (std::ldexp(1.0, vertical) <= fits && vertical < 12) ++vertical;
   const int horizontal = vertical + 1;
   low = {lattice::floorTo(box.low.x, horizontal), lattice::floorTo(box.low.z, horizontal)};
   high = {-lattice::floorTo(-box.high.x, horizontal), -lattice::floorTo(-box.high.z, horizontal)};
   const terrain::Raster* const map = terrain.raster();
-  if (!map) noise = std::min(noiseOf(terrain, low, high), kMostNoise * error);
+  if (!map) noise = std::min(noiseOf(terrain, low, high), kMaxNoise * error);
   kept = static_cast<float>(error - noise);
   if (kept > error - noise) kept = std::nextafter(kept, 0.0f);
   const auto width = static_cast<double>(high.x - low.x), depth = static_cast<double>(high.z - low.z);
   // Points lie within 2^25 units of the anchor.
   frame.unitBits = std::clamp(std::ilogb(std::max(width, depth)) - 23, 0, horizontal);
   // What the error or the posts of a map ask for, or what is bearable.
-  const double wanted = map ? map->shape().finest() : std::clamp(box.error * lattice::kStepsPerMetre, kLeastSpacing, kMostSpacing);
+  const double wanted = map ? map->shape().finest() : std::clamp(box.error * lattice::kStepsPerMetre, kMinSpacing, kMaxSpacing);
   const double bearable = std::sqrt(width * depth / std::min(kFirstSamples, kFirstATriangle * most));
   bits = std::max({0, std::ilogb(wanted) - frame.unitBits, static_cast<int>(std::ceil(std::log2(bearable))) - frame.unitBits});
   const int tile = bits + frame.unitBits + Samples::kCellBits;

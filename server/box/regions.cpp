@@ -12,13 +12,13 @@ using triangulation::RegionId;
 namespace {
 
 constexpr std::int32_t kAcross = 16;  // along the longer side, about
-constexpr int kLeastBits = 8;
+constexpr int kMinBits = 8;
 
 }  // namespace
 
 Regions::Regions(Point2 low, Point2 high)
-    : bits_(std::max(kLeastBits, static_cast<int>(std::bit_width(
-                                     static_cast<std::uint32_t>((std::max(high.x - low.x, high.z - low.z) - 1) / kAcross))))),
+    : bits_(std::max(kMinBits, static_cast<int>(
+                                   std::bit_width(static_cast<std::uint32_t>((std::max(high.x - low.x, high.z - low.z) - 1) / kAcross))))),
       first_{low.x >> bits_, low.z >> bits_},
       across_((high.x >> bits_) - first_.x + 1),
       down_((high.z >> bits_) - first_.z + 1) {}

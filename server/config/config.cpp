@@ -125,7 +125,7 @@ void addAccess(CLI::App& app, Written& w) {
 void addLimits(CLI::App& app, Written& w) {
   Config& c = w.config;
   addNumber(app, "--max-cameras", c.limits.maxCameras, "Cameras at a time, in all sessions", 1, 65535);
-  addNumber(app, "--max-members", c.limits.maxMembers, "Cameras at a time in one session", 1, session::kMostMembers);
+  addNumber(app, "--max-members", c.limits.maxMembers, "Cameras at a time in one session", 1, session::kMaxMembers);
   addNumber(app, "--max-sessions", c.limits.maxSessions, "Sessions at a time, including the default one; 1: clients cannot create any", 1,
             65535);
   addNumber(app, "--max-sessions-per-client", c.limits.maxSessionsPerClient,
@@ -205,7 +205,7 @@ Outcome<Config> finish(Written&& w) {
   c.limits.mesh.defaultBudget = std::min(c.limits.mesh.defaultBudget, c.limits.mesh.maxBudget);
   if (c.limits.maxTotalTriangles == 0) c.limits.maxTotalTriangles = memory::available() / 2 / session::kBytesPerTriangle;
   if (c.limits.maxTotalTriangles != 0)
-    c.limits.maxTotalTriangles = std::max<std::uint64_t>(c.limits.maxTotalTriangles, settings::kLeastBudget);
+    c.limits.maxTotalTriangles = std::max<std::uint64_t>(c.limits.maxTotalTriangles, settings::kMinBudget);
   c.snapshots.share = w.snapshotShare / 100;
   if (!c.state.empty() && c.watch) return Error{"--watch changes the ground under edits that --state keeps; leave one of them out."};
   c.limits.maxMembers = std::min(c.limits.maxMembers, c.limits.maxCameras);

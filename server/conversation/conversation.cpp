@@ -78,7 +78,7 @@ Conversation::Refusal Conversation::take(const wire::Hello& hello) {
                                                  ": both must be the same."};
   if (stage_ != Stage::kExpectsHello) return ErrorMessage{ErrorCode::kMalformed, "A second hello came; a connection has exactly one."};
   granted_ = terms_.grant(hello.settings);
-  pace_.setRate(granted_.bytesPerSecond);
+  byteRate_.setRate(granted_.bytesPerSecond);
   replica_.setFollowsPoints(hello.points);
   lockstep_ = hello.pacing == wire::Pacing::kLockstep;
   hello_ = hello;
@@ -96,7 +96,7 @@ Conversation::Refusal Conversation::take(const wire::PoseMessage& pose, Time now
   lastSequence_ = pose.sequence;
   if (!lockstep_) poses_.clear();
   poses_.push_back(pose);
-  tempo_.pose(now);
+  insertionRate_.pose(now);
   return {};
 }
 
@@ -193,7 +193,7 @@ bool Conversation::hasIteration() const {
 std::optional<Conversation::Time> Conversation::due(std::size_t queuedBytes) const {
   if (!hasWork(queuedBytes)) return {};
   if (!runs()) return Time::min();
-  return std::max(pace_.limits() ? pace_.free() : Time::min(), replica_.owes() ? terms_.repairs->free() : Time::min());
+  return std::max(byteRate_.limits() ? byteRate_.free() : Time::min(), replica_.owes() ? terms_.repairs->free() : Time::min());
 }
 
 Work Conversation::next(std::size_t queuedBytes) {
@@ -229,12 +229,12 @@ Work Conversation::next(std::size_t queuedBytes) {
   for (; !changes_.empty() && (!lockstep_ || changes_.front().after < pose_.sequence); changes_.pop_front())
     work.granted = granted_ = changes_.front().granted;
   owesAnswer_ = owesAnswer_ || granted_.candidates > candidates;
-  if (work.granted) pace_.setRate(granted_.bytesPerSecond);
+  if (work.granted) byteRate_.setRate(granted_.bytesPerSecond);
   if (lockstep_) {
-    if (work.granted || pace_.limits()) work.insertions = pace_.insertions();
+    if (work.granted || byteRate_.limits()) work.insertions = byteRate_.insertions();
   } else {
-    if (!isForGround_) tempo_.begin();
-    work.insertions = std::min({pace_.insertions(), tempo_.insertions(), isForGround_ ? kMostForGround : Tempo::kMost});
+    if (!isForGround_) insertionRate_.begin();
+    work.insertions = std::min({byteRate_.insertions(), insertionRate_.insertions(), isForGround_ ? kMaxForGround : InsertionRate::kMax});
   }
   return work;
 }
@@ -248,7 +248,7 @@ std::optional<replica::Changes> Conversation::iterated(std::span<const mesh::Lea
   expects(pose_.sequence != 0, "an iteration is for a pose");
   const bool comesToRest = settled && !atRest_;
   atRest_ = settled;
-  if (!lockstep_ && !pace_.limits() && !settled && unsent_ < kMostUnsent && replica_.resumes(leaves)) {
+  if (!lockstep_ && !byteRate_.limits() && !settled && unsent_ < kMaxUnsent && replica_.resumes(leaves)) {
     ++unsent_;
     return {};
   }
@@ -259,11 +259,11 @@ std::optional<replica::Changes> Conversation::iterated(std::span<const mesh::Lea
 
 void Conversation::sent(const wire::Iteration& iteration, Time now) {
   expects(iteration.number == replica_.lastSent(), "what was sent is the last iteration");
-  pace_.sent(now,
-             200 + 12 * (iteration.gone.size() + iteration.come.size()) + payloadBytes(iteration.whole, 24) + iteration.points.size() +
-                 iteration.shades.size() + 4 * iteration.errors.size(),
-             iteration.figures.inserted);
-  tempo_.sent(now, iteration.figures.inserted);
+  byteRate_.sent(now,
+                 200 + 12 * (iteration.gone.size() + iteration.come.size()) + payloadBytes(iteration.whole, 24) + iteration.points.size() +
+                     iteration.shades.size() + 4 * iteration.errors.size(),
+                 iteration.figures.inserted);
+  insertionRate_.sent(now, iteration.figures.inserted);
   if (repairing_) terms_.repairs->spend(now, payloadBytes(iteration.whole, 24));
   if (iteration.candidates) sent(kBytesACandidate * iteration.candidates->size(), now);
 }

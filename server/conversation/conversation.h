@@ -14,11 +14,11 @@
 // Lock-step: exactly one iteration for each pose, in order.
 //
 // A reconnecting client lists the leaves it still holds between hello and its first pose; only differences are sent. The server's mesh
-// starts coarse. The server may first run up to kMostUnsent iterations without sending them, so that the client keeps its detail: in free
+// starts coarse. The server may first run up to kMaxUnsent iterations without sending them, so that the client keeps its detail: in free
 // pacing, without a budget of bytes, if the client holds at least half of its leaves.
 //
 // The client has room if fewer than `window` iterations are unacknowledged and at most maxQueuedBytes are queued for it. With a budget of
-// bytes a second, an iteration also waits until those before it are paid for (pace.h).
+// bytes a second, an iteration also waits until those before it are paid for (rate.h).
 
 #include <cstddef>
 #include <cstdint>
@@ -33,15 +33,15 @@
 #include "common/mesh/leaf_mesh.h"
 #include "common/terrain/raster.h"
 #include "common/wire/messages.h"
-#include "server/conversation/pace.h"
+#include "server/conversation/rate.h"
 #include "server/replica/replica.h"
 
 namespace ridgecast::conversation {
 
 inline constexpr std::size_t kMaxQueuedPoses = 64;  // lock-step: poses, and changes of settings, waiting for their iteration
-inline constexpr int kMostUnsent = 16;              // a mesh without a binding budget is at rest after 10 to 20 iterations
+inline constexpr int kMaxUnsent = 16;               // a mesh without a binding budget is at rest after 10 to 20 iterations
 inline constexpr std::size_t kTilesAtOnce = 16, kSquaresAtOnce = 4;
-inline constexpr std::uint32_t kMostForGround = 512;  // vertices that an iteration for new ground inserts
+inline constexpr std::uint32_t kMaxForGround = 512;  // vertices that an iteration for new ground inserts
 // After n bytes of leaves that were requested again, no other such leaf is sent for n / kRepairBytesPerSecond.
 inline constexpr std::uint64_t kRepairBytesPerSecond = 1u << 20;
 
@@ -74,7 +74,7 @@ using Work = std::variant<std::monostate, Greet, SendTiles, wire::FindEdits, Sen
 // Not thread-safe.
 class Conversation {
  public:
-  using Time = Pace::Clock::time_point;
+  using Time = ByteRate::Clock::time_point;
   using Refusal = std::optional<wire::ErrorMessage>;
 
   explicit Conversation(Terms terms) : terms_(std::move(terms)), replica_(terms_.window) {}
@@ -95,7 +95,7 @@ class Conversation {
   std::optional<replica::Changes> iterated(std::span<const mesh::LeafState> leaves, bool settled);
   void sent(const wire::Iteration& iteration, Time now);
   void sent(const wire::HeightTiles& tiles, Time now);
-  void sent(std::size_t bytes, Time now) { pace_.sent(now, bytes, 0); }  // of other messages
+  void sent(std::size_t bytes, Time now) { byteRate_.sent(now, bytes, 0); }  // of other messages
 
   bool runs() const { return stage_ == Stage::kRuns; }
   bool closed() const { return stage_ == Stage::kClosed; }
@@ -152,9 +152,9 @@ class Conversation {
   int unsent_ = 0;                            // iterations before the first one sent to a reconnecting client
   std::uint64_t mismatches_ = 0;
   replica::Replica replica_;
-  Pace pace_;
-  Tempo tempo_;             // free pacing alone: lock-step repeats
-  bool repairing_ = false;  // the current iteration sends leaves again
+  ByteRate byteRate_;
+  InsertionRate insertionRate_;  // free pacing alone: lock-step repeats
+  bool repairing_ = false;       // the current iteration sends leaves again
 };
 
 }  // namespace ridgecast::conversation

@@ -110,8 +110,7 @@ class Log final : public edit_store::Store {
 
 // The log's history on this terrain, from the cached tiles or, if they are no good, from the edits; then the cache is repaired. The log
 // outlives it. Error: one sentence; the terrain is not the log's.
-Outcome<edits::History> historyOf(Log& log, std::shared_ptr<const terrain::Terrain> terrain,
-                                  std::size_t mostBytes = edits::kMostLayerBytes);
+Outcome<edits::History> historyOf(Log& log, std::shared_ptr<const terrain::Terrain> terrain, std::size_t mostBytes = edits::kMaxLayerBytes);
 // Error: a terrain with another contentHash; the sentence says both.
 Outcome<void> checkTerrain(const Log& log, const terrain::Terrain& terrain);
 

@@ -55,7 +55,7 @@ std::shared_ptr<const edits::Tile> decodeTile(std::span<const std::uint8_t> byte
   edits::TilePosts tile;
   for (std::size_t k = 0; k < kPosts && isWhole; ++k) {
     const std::int64_t rise = guess(tile.rise, k) + get();
-    isWhole = isWhole && rise >= -edits::kMostRise && rise <= edits::kMostRise;
+    isWhole = isWhole && rise >= -edits::kMaxRise && rise <= edits::kMaxRise;
     tile.rise[k] = static_cast<std::int32_t>(rise);
   }
   for (std::size_t k = 0; k < kPosts && isWhole; ++k) {

@@ -96,21 +96,21 @@ void CameraMesh::setGround(std::shared_ptr<const terrain::Terrain> terrain, std:
 
 void CameraMesh::generate(scheduling::Pool& pool) {
   if (std::exchange(selected_, false)) {
-    const Turnover turnover = replaceLeaves();  // from here on the partition answers with the new leaves
-    if (!mesh_.triangulation().empty()) refile(turnover.former, pool);
-    insertGrids(missingGrids(turnover));
+    const LeafDiff diff = replaceLeaves();  // from here on the partition answers with the new leaves
+    if (!mesh_.triangulation().empty()) refile(diff.removed, pool);
+    insertGrids(missingGrids(diff));
     dropOutside();
-    updateNeighbours(turnover, pool);
+    updateNeighbours(diff, pool);
   }
   compact();
 }
 
-CameraMesh::Turnover CameraMesh::replaceLeaves() {
-  Turnover turnover;
+CameraMesh::LeafDiff CameraMesh::replaceLeaves() {
+  LeafDiff diff;
   if (!ordered_.empty()) {
-    for (RegionId region : tree_.gone()) turnover.former.push_back({std::move(leaves_[region]), nullptr, {}});
-    std::sort(turnover.former.begin(), turnover.former.end(),
-              [](const Former& l, const Former& r) { return l.leaf->address < r.leaf->address; });
+    for (RegionId region : tree_.gone()) diff.removed.push_back({std::move(leaves_[region]), nullptr, {}});
+    std::sort(diff.removed.begin(), diff.removed.end(),
+              [](const RemovedLeaf& l, const RemovedLeaf& r) { return l.leaf->address < r.leaf->address; });
   }
   for (LeafAddress address : tree_.made()) {
     const triangulation::Point2 corner = mesh_.local({address.x(), address.z()});
@@ -121,20 +121,20 @@ CameraMesh::Turnover CameraMesh::replaceLeaves() {
     leaves_[region] = std::make_unique<Leaf>();
     leaves_[region]->address = address;
     leaves_[region]->region = region;
-    turnover.made.push_back(leaves_[region].get());
+    diff.made.push_back(leaves_[region].get());
   }
-  findHeirs(turnover);
-  replaceOrdered(turnover);
-  for (const Former& f : turnover.former) {
+  findSuccessors(diff);
+  replaceOrdered(diff);
+  for (const RemovedLeaf& f : diff.removed) {
     if (f.whole) mesh_.addGround(f.whole->region, mesh_.ground(f.leaf->region));
     for (const Leaf* part : f.parts) mesh_.addGround(part->region, mesh_.ground(f.leaf->region));
   }
-  return turnover;
+  return diff;
 }
 
-void CameraMesh::findHeirs(Turnover& turnover) {
-  for (Former& f : turnover.former)
-    for (Leaf* heir : turnover.made) {
+void CameraMesh::findSuccessors(LeafDiff& diff) {
+  for (RemovedLeaf& f : diff.removed)
+    for (Leaf* heir : diff.made) {
       if (heir->address.isAncestorOf(f.leaf->address))
         f.whole = heir;
       else if (f.leaf->address.isAncestorOf(heir->address))
@@ -143,11 +143,11 @@ void CameraMesh::findHeirs(Turnover& turnover) {
 }
 
 // All lists are in canonical order, and no leaf that stays is looked at.
-void CameraMesh::replaceOrdered(const Turnover& turnover) {
+void CameraMesh::replaceOrdered(const LeafDiff& diff) {
   std::vector<Leaf*> now;
   std::vector<LeafAddress> addresses;
   std::vector<RegionId> regions;
-  const std::size_t size = ordered_.size() + turnover.made.size() - turnover.former.size();
+  const std::size_t size = ordered_.size() + diff.made.size() - diff.removed.size();
   now.reserve(size);
   addresses.reserve(size);
   regions.reserve(size);
@@ -162,14 +162,14 @@ void CameraMesh::replaceOrdered(const Turnover& turnover) {
   const auto keepUntil = [&](LeafAddress address) {
     keep(std::lower_bound(addresses_.begin() + at, addresses_.end(), address) - addresses_.begin());
   };
-  auto goes = turnover.former.begin();
+  auto goes = diff.removed.begin();
   const auto goUntil = [&](const LeafAddress* address) {
-    for (; goes != turnover.former.end() && (!address || goes->leaf->address < *address); ++goes) {
+    for (; goes != diff.removed.end() && (!address || goes->leaf->address < *address); ++goes) {
       keepUntil(goes->leaf->address);
       ++at;
     }
   };
-  for (Leaf* leaf : turnover.made) {
+  for (Leaf* leaf : diff.made) {
     goUntil(&leaf->address);
     keepUntil(leaf->address);
     now.push_back(leaf);
@@ -183,12 +183,12 @@ void CameraMesh::replaceOrdered(const Turnover& turnover) {
   regions_ = std::move(regions);
 }
 
-// What is filed under leaves that were merged, split or dropped is filed under their heirs, or outside.
-void CameraMesh::refile(const std::vector<Former>& former, scheduling::Pool& pool) {
+// What is filed under leaves that were merged, split or dropped is filed under their successors, or outside.
+void CameraMesh::refile(const std::vector<RemovedLeaf>& removed, scheduling::Pool& pool) {
   const auto& t = mesh_.triangulation();
   std::vector<VertexId> moved;
   std::vector<RegionId> splits;
-  for (const Former& f : former) {
+  for (const RemovedLeaf& f : removed) {
     if (f.whole)
       mesh_.adopt(f.leaf->region, f.whole->region);
     else if (!f.parts.empty())
@@ -199,8 +199,8 @@ void CameraMesh::refile(const std::vector<Former>& former, scheduling::Pool& poo
   const auto loop = [&](std::size_t count, const std::function<void(std::size_t)>& body) { pool.forEach(count, 1, body); };
   if (!mesh_.split(splits, loop))
     for (RegionId region : splits) mesh_.refile(region, moved);
-  for (const Former& f : former) mesh_.removeRegion(f.leaf->region);
-  for (const Former& f : former)
+  for (const RemovedLeaf& f : removed) mesh_.removeRegion(f.leaf->region);
+  for (const RemovedLeaf& f : removed)
     for (const Leaf* part : f.parts) t.vertexPages().forEach(part->region, [&](VertexId v) { moved.push_back(v); });
   mesh_.refile(kOutside, moved);
   for (VertexId v : moved)
@@ -208,13 +208,13 @@ void CameraMesh::refile(const std::vector<Former>& former, scheduling::Pool& poo
 }
 
 // Grids nest, so leaves that were merged left all points of the new leaf's grid, and one that was split left some.
-std::vector<CameraMesh::Grid> CameraMesh::missingGrids(const Turnover& turnover) {
+std::vector<CameraMesh::Grid> CameraMesh::missingGrids(const LeafDiff& diff) {
   std::vector<Grid> grids;
   std::vector<lattice::Point> sorted;
-  for (Leaf* leaf : turnover.made) {
+  for (Leaf* leaf : diff.made) {
     const Leaf* split = nullptr;  // what it was a part of
     bool merged = false;
-    for (const Former& f : turnover.former) {
+    for (const RemovedLeaf& f : diff.removed) {
       merged = merged || f.whole == leaf;
       if (std::find(f.parts.begin(), f.parts.end(), leaf) != f.parts.end()) split = f.leaf.get();
     }
@@ -265,7 +265,7 @@ void CameraMesh::dropOutside() {
 }
 
 // Write sets of leaves whose neighbours changed, and which vertices still belong to a grid where one lost points.
-void CameraMesh::updateNeighbours(const Turnover& turnover, scheduling::Pool& pool) {
+void CameraMesh::updateNeighbours(const LeafDiff& diff, scheduling::Pool& pool) {
   struct Stale {
     Leaf* leaf;
     bool coarser;  // its own or a neighbour's grid lost points
@@ -273,12 +273,12 @@ void CameraMesh::updateNeighbours(const Turnover& turnover, scheduling::Pool& po
   enum : std::uint8_t { kStale = 1, kCoarser = 2 };
   std::vector<std::uint8_t> marks(leaves_.size(), 0);
   std::vector<RegionId> around;
-  for (const Leaf* leaf : turnover.made) {
+  for (const Leaf* leaf : diff.made) {
     marks[leaf->region] |= kStale;
     tree_.touchingTags(leaf->address, around);
     for (RegionId region : around) marks[region] |= kStale;
   }
-  for (const Former& f : turnover.former) {
+  for (const RemovedLeaf& f : diff.removed) {
     tree_.touchingTags(f.leaf->address, around);
     for (RegionId region : around) marks[region] |= f.parts.empty() ? kStale | kCoarser : kStale;
   }

@@ -75,15 +75,15 @@ class CameraMesh final : public triangulation::Partition {
 
  private:
   // A leaf that is no longer one, and who has its ground now: one that it was merged into, or those that it was split into, or nobody.
-  struct Former {
+  struct RemovedLeaf {
     std::unique_ptr<Leaf> leaf;
     Leaf* whole = nullptr;
     std::vector<Leaf*> parts;
   };
   // What one generate() changes: leaves in canonical order.
-  struct Turnover {
+  struct LeafDiff {
     std::vector<Leaf*> made;
-    std::vector<Former> former;
+    std::vector<RemovedLeaf> removed;
   };
   struct Grid {  // what a new leaf lacks of its own
     Leaf* leaf;
@@ -92,14 +92,14 @@ class CameraMesh final : public triangulation::Partition {
 
   void moveAnchor(const camera::Pose& pose, bool keep);
   void clear();
-  Turnover replaceLeaves();
-  static void findHeirs(Turnover& turnover);
-  void replaceOrdered(const Turnover& turnover);
-  void refile(const std::vector<Former>& former, scheduling::Pool& pool);
-  std::vector<Grid> missingGrids(const Turnover& turnover);
+  LeafDiff replaceLeaves();
+  static void findSuccessors(LeafDiff& diff);
+  void replaceOrdered(const LeafDiff& diff);
+  void refile(const std::vector<RemovedLeaf>& removed, scheduling::Pool& pool);
+  std::vector<Grid> missingGrids(const LeafDiff& diff);
   void insertGrids(std::vector<Grid> grids);
   void dropOutside();
-  void updateNeighbours(const Turnover& turnover, scheduling::Pool& pool);
+  void updateNeighbours(const LeafDiff& diff, scheduling::Pool& pool);
   void compact();
 
   quadtree::Quadtree tree_;

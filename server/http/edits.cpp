@@ -102,7 +102,7 @@ Answer listed(std::uint64_t last, const std::vector<session::Applied>& edits, st
     const auto operation = edits::unpack(made.operation);
     if (!operation) return refused(500, metrics::Refusal::kInternal, operation.error().message);
     const std::string text = edits::toJson(*operation);
-    if (limit-- == 0 || (out.back() == '}' && out.size() + text.size() > kMostListedBytes)) break;
+    if (limit-- == 0 || (out.back() == '}' && out.size() + text.size() > kMaxListedBytes)) break;
     const edits::Author author = edits::authorOf(made.author);
     out += std::string(out.back() == '}' ? ",\n" : "\n") + "{\"number\": " + std::to_string(made.number) +
            ", \"author\": " + quoted(author.client) + ", \"name\": " + quoted(author.name) + ", \"edit\": " + text + "}";
@@ -120,10 +120,10 @@ Answer list(const Request& request, const std::shared_ptr<session::Session>& ses
     if (!number) return refused(400, metrics::Refusal::kRequest, std::string(name) + " is a whole number, such as " + name + "=17.");
     *value = *number;
   }
-  if (limit > kMostListed) return refused(400, metrics::Refusal::kRequest, "limit is at most " + std::to_string(kMostListed) + ".");
+  if (limit > kMaxListed) return refused(400, metrics::Refusal::kRequest, "limit is at most " + std::to_string(kMaxListed) + ".");
   return whenSaid([since, limit, session](const std::shared_ptr<Said>& said) {
     const std::uint64_t last = session->ground().edit;
-    session->edits().read(since, kMostListedBytes, [said, last, limit](Outcome<std::vector<session::Applied>> edits) {
+    session->edits().read(since, kMaxListedBytes, [said, last, limit](Outcome<std::vector<session::Applied>> edits) {
       said->set([edits = std::move(edits), last, limit] {
         return edits ? listed(last, *edits, limit) : refused(500, metrics::Refusal::kInternal, edits.error().message);
       });
@@ -151,7 +151,7 @@ Answer post(const Request& request, std::shared_ptr<session::Session> session) {
     return refused(415, metrics::Refusal::kRequest, "An edit's Content-Type is application/json.", {{"Accept", "application/json"}});
   if (request.idempotencyKey.size() > wire::kMaxEditKeyBytes)
     return refused(400, metrics::Refusal::kRequest, "An Idempotency-Key has at most " + std::to_string(wire::kMaxEditKeyBytes) + " bytes.");
-  return madeOfBody({kMostEditBytes, "An edit has at most " + std::to_string(kMostEditBytes) + " bytes.",
+  return madeOfBody({kMaxEditBytes, "An edit has at most " + std::to_string(kMaxEditBytes) + " bytes.",
                      [session = std::move(session), key = std::string(request.idempotencyKey),
                       client = std::string(request.client)](const std::string& body) {
                        auto operation = edits::fromJson(body, placedIn(*session));

@@ -5,7 +5,7 @@
 //   GET    /v1/sessions/NAME/edits?since=N    {"last": N, "edits": [{"number", "author", "name", "edit": {...}}, ...]}; &limit=M
 // On a map that says where it lies, an edit may name its places by "crs", as queries do.
 // An edit that is made has its number, is kept and in everybody's ground. One that is sent again with its header Idempotency-Key by the
-// same client is made once. They need the right `edit`, the list (at most kMostListed and kMostListedBytes, at least one) `view`. 400 and
+// same client is made once. They need the right `edit`, the list (at most kMaxListed and kMaxListedBytes, at least one) `view`. 400 and
 // 422: one sentence; 429, with Retry-After, and 507, where there is no room: nothing was made.
 
 #include <cstddef>
@@ -16,9 +16,9 @@
 
 namespace ridgecast::http {
 
-inline constexpr std::size_t kMostListed = 1000, kUsuallyListed = 256;
-inline constexpr std::size_t kMostListedBytes = std::size_t{256} << 10;
-inline constexpr std::size_t kMostEditBytes = std::size_t{2} << 20;  // of a POST: a stamp of 256 x 256 samples
+inline constexpr std::size_t kMaxListed = 1000, kUsuallyListed = 256;
+inline constexpr std::size_t kMaxListedBytes = std::size_t{256} << 10;
+inline constexpr std::size_t kMaxEditBytes = std::size_t{2} << 20;  // of a POST: a stamp of 256 x 256 samples
 
 Route editsRoute(std::shared_ptr<session::Directory> directory);
 

@@ -29,9 +29,9 @@ std::string number(double value) { return text::rounded(value, 17); }
 std::string number(float value) { return text::rounded(static_cast<double>(value), 9); }
 
 // One question on its way to its answer, a turn at a time. One thread at a time.
-class Asking {
+class QueryTask {
  public:
-  Asking(const QueryForm& form, std::shared_ptr<session::Session> session, const std::string& client)
+  QueryTask(const QueryForm& form, std::shared_ptr<session::Session> session, const std::string& client)
       : form_(form), session_(std::move(session)), budgets_(session_->budgetsOf(client)) {
     session_->use();
   }
@@ -157,8 +157,8 @@ class Asking {
   std::size_t written_ = 0;
 };
 
-Answer inTurns(std::shared_ptr<Asking> asking) {
-  return madeBy({.work = [asking = std::move(asking)](const std::stop_token& stop) { return asking->turn(stop); }});
+Answer inTurns(std::shared_ptr<QueryTask> task) {
+  return madeBy({.work = [task = std::move(task)](const std::stop_token& stop) { return task->turn(stop); }});
 }
 
 // The body of a request, to be read in its session.
@@ -171,10 +171,10 @@ Outcome<Enter> posted(const QueryForm& form, BodyType type, std::string_view que
   std::string tooLong = "The body has more than " + std::to_string(most) + " bytes; ask for at most " + std::to_string(form.mostInBody) +
                         (form.kind == QueryKind::kRays ? " rays" : " places") + " at a time.";
   return Enter([=, &form, option = *option, crs = *crs](std::shared_ptr<session::Session> session) {
-    auto asking = std::make_shared<Asking>(form, std::move(session), client);
+    auto task = std::make_shared<QueryTask>(form, std::move(session), client);
     return madeOfBody({most, tooLong, [=](std::string body) {
-                         asking->ask(std::move(body), type, option, crs);
-                         return inTurns(asking);
+                         task->ask(std::move(body), type, option, crs);
+                         return inTurns(task);
                        }});
   });
 }
@@ -190,9 +190,9 @@ Outcome<Enter> inUrl(const QueryForm& form, std::string_view query, const std::s
   if (!asked) return asked.error();
   return Enter([&form, client, asked = std::move(*asked), numbers = std::move(*numbers), option = *option,
                 crs = *crs](std::shared_ptr<session::Session> session) {
-    auto asking = std::make_shared<Asking>(form, std::move(session), client);
-    crs.empty() ? asking->ask(asked) : asking->ask(numbers, option, crs);
-    return inTurns(std::move(asking));
+    auto task = std::make_shared<QueryTask>(form, std::move(session), client);
+    crs.empty() ? task->ask(asked) : task->ask(numbers, option, crs);
+    return inTurns(std::move(task));
   });
 }
 

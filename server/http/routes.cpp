@@ -28,15 +28,15 @@ Answer json(std::string body) {
   return a;
 }
 
-Answer madeBy(Later later) {
+Answer madeBy(DeferredResponse later) {
   Answer a;
-  a.later = std::make_shared<Later>(std::move(later));
+  a.later = std::make_shared<DeferredResponse>(std::move(later));
   return a;
 }
 
-Answer madeOfBody(OfBody ofBody) {
+Answer madeOfBody(BodyHandler ofBody) {
   Answer a;
-  a.ofBody = std::make_shared<OfBody>(std::move(ofBody));
+  a.ofBody = std::make_shared<BodyHandler>(std::move(ofBody));
   return a;
 }
 

@@ -26,7 +26,7 @@
 
 #include "common/outcome/outcome.h"
 #include "server/access/rights.h"
-#include "server/metrics/figures.h"
+#include "server/metrics/metrics.h"
 #include "server/session/session.h"
 
 namespace ridgecast::http {
@@ -51,8 +51,8 @@ struct Request {  // the views live while the request is answered, not in later 
   bool reads() const { return method == "GET" || method == "HEAD"; }
 };
 
-struct Later;
-struct OfBody;
+struct DeferredResponse;
+struct BodyHandler;
 
 using Headers = std::vector<std::pair<std::string, std::string>>;
 
@@ -64,12 +64,12 @@ struct Answer {
   std::string type = "text/plain; charset=utf-8";
   std::string body;
   Headers headers;
-  std::string etag;                             // of a 200, without quotation marks; a client that has it gets 304
-  std::shared_ptr<session::Session> upgradeTo;  // set: answer with the upgrade instead
-  std::optional<metrics::Refusal> refusal;      // why this is a refusal, for the metrics
-  std::string holder;                           // of a good token that is refused all the same, for the log
-  std::shared_ptr<const Later> later;           // set: work makes the answer, perhaps an upgrade; of this one only etag counts
-  std::shared_ptr<const OfBody> ofBody;         // set: the request's body makes the answer, once it has been read
+  std::string etag;                               // of a 200, without quotation marks; a client that has it gets 304
+  std::shared_ptr<session::Session> upgradeTo;    // set: answer with the upgrade instead
+  std::optional<metrics::Refusal> refusal;        // why this is a refusal, for the metrics
+  std::string holder;                             // of a good token that is refused all the same, for the log
+  std::shared_ptr<const DeferredResponse> later;  // set: work makes the answer, perhaps an upgrade; of this one only etag counts
+  std::shared_ptr<const BodyHandler> ofBody;      // set: the request's body makes the answer, once it has been read
   std::optional<std::chrono::steady_clock::time_point> again;  // of work: this was one of its turns; the next is not before then
   // Of work: this was one of its turns; the next is when it is woken. Called at once; `wake` may be called by any thread, also before that
   // returns.
@@ -90,7 +90,7 @@ Answer wrongMethod(const std::string& allowed = "GET, HEAD");
 // the result is not read. `patient` work may take seconds and yields to everything else. Making a world also takes seconds, but must not
 // wait behind snapshots that take a minute, so it has its own queue. So have 3D and map tiles, of which viewers request many at a time.
 // Work may be done in turns (Answer::again, whenWoken), between which others of its queue have theirs.
-struct Later {
+struct DeferredResponse {
   bool patient = false, makesWorld = false, isTile = false;
   std::function<Answer(std::stop_token stop)> work{};
   // Progress in a few words without line breaks. Sent about once a second, as HTTP 102 with a header `Progress`, to clients that request it
@@ -98,15 +98,15 @@ struct Later {
   std::function<std::string()> progress{};
 };
 
-Answer madeBy(Later later);  // an answer whose status and body the work makes
+Answer madeBy(DeferredResponse later);  // an answer whose status and body the work makes
 
-struct OfBody {
+struct BodyHandler {
   std::size_t most = 0;   // bytes; of more nothing is read
   std::string tooLong{};  // one sentence
   std::function<Answer(std::string body)> answer{};
 };
 
-Answer madeOfBody(OfBody ofBody);
+Answer madeOfBody(BodyHandler ofBody);
 
 // Answers what other rooms provide; empty if the path is not its own. Any thread.
 using Route = std::function<std::optional<Answer>(const Request& request)>;

@@ -51,7 +51,7 @@ Answer fileOf(const Maker& maker, std::shared_ptr<session::Session> session, ses
   const std::string etag = Snapshots::etag(*session, ground, question, metadataOnly);
   if (auto known = maker.cache->find(etag)) return with(std::move(*known), headers);
   const auto progress = std::make_shared<snapshot::Progress>();
-  Later later{.progress = [progress] { return progress->text(); }};
+  DeferredResponse later{.progress = [progress] { return progress->text(); }};
   (std::holds_alternative<snapshot::OfTile>(question.of) ? later.isTile : later.patient) = true;
   later.work = [maker, progress, session = std::move(session), ground = std::move(ground), question = std::move(question), metadataOnly,
                 etag, headers](std::stop_token stop) {

@@ -20,7 +20,7 @@ namespace ridgecast::http {
 namespace {
 
 constexpr std::string_view kFolder = "3dtiles/", kRoot = "3dtiles/tileset.json";
-constexpr double kMostMetres = 4e12;
+constexpr double kMaxMetres = 4e12;
 constexpr int kVersion = 4;  // part of the ETag: change it when the same question gives another tileset
 
 bool isThere(std::string_view file) { return file.starts_with(kFolder) && (file.ends_with(".json") || file.ends_with(".glb")); }
@@ -37,8 +37,8 @@ Outcome<Asked> parse(std::string_view query) {
   Asked out;
   out.where.where = snapshot::readWhere(p);
   for (const auto& [name, step] : {std::pair{"x", &out.where.middle.x}, {"z", &out.where.middle.z}})
-    *step = static_cast<lattice::Step>(std::floor(p.number(name, -kMostMetres, kMostMetres, " m", 0) * lattice::kStepsPerMetre));
-  out.where.reach = p.number("reach", tileset::kLeastReach, tileset::kMostReach, " m", tileset::kUsualReach);
+    *step = static_cast<lattice::Step>(std::floor(p.number(name, -kMaxMetres, kMaxMetres, " m", 0) * lattice::kStepsPerMetre));
+  out.where.reach = p.number("reach", tileset::kMinReach, tileset::kMaxReach, " m", tileset::kUsualReach);
   snapshot::readForm(p, out.form);
   out.token = p.take("token").value_or("");
   out.content = p.take("content").value_or("");

@@ -33,7 +33,7 @@ bool bend(Sheet& sheet, F&& place) {
 
 std::optional<Place> placeOf(std::string_view text) {
   const auto longitude = text::number<double>(text::takePart(text, ',')), latitude = text::number<double>(text);
-  if (!longitude || !latitude || !(std::abs(*longitude) <= 180) || !(std::abs(*latitude) <= kMostLatitude)) return std::nullopt;
+  if (!longitude || !latitude || !(std::abs(*longitude) <= 180) || !(std::abs(*latitude) <= kMaxLatitude)) return std::nullopt;
   return Place{*longitude, *latitude};
 }
 

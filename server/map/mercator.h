@@ -23,13 +23,13 @@ namespace ridgecast::map {
 
 inline constexpr int kFinestTileLevel = 24;  // pixels of 1 cm
 inline constexpr std::uint32_t kTilePixels = 256;
-inline constexpr double kMostLatitude = 85;  // degrees, of an origin
+inline constexpr double kMaxLatitude = 85;  // degrees, of an origin
 
 struct Place {
   double longitude = 0, latitude = 0;  // degrees
 };
 
-// LON,LAT: longitude within 180, latitude within kMostLatitude. Empty: anything else.
+// LON,LAT: longitude within 180, latitude within kMaxLatitude. Empty: anything else.
 std::optional<Place> placeOf(std::string_view text);
 
 struct TileAddress {

@@ -39,11 +39,11 @@ constexpr std::size_t kSlowest = 65'536;              // bytes a second that a c
 // A connection before it is a stream: requests and answers, one after another.
 class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
  public:
-  HttpConnection(tcp::socket&& socket, Counted counted, std::shared_ptr<Shared> shared)
+  HttpConnection(tcp::socket&& socket, ConnectionSlot slot, std::shared_ptr<ServerContext> shared)
       : peer_(addressOf(endpointOf(socket))),
         peerName_(nameOf(endpointOf(socket))),
         stream_(noDelay(std::move(socket))),
-        counted_(std::move(counted)),
+        slot_(std::move(slot)),
         shared_(std::move(shared)),
         buffer_(shared_->settings.maxHeaderBytes + 4096),
         ticking_(stream_.get_executor()) {}
@@ -75,7 +75,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
       const std::lock_guard lock(shared_->mutex);
       tls = shared_->tls;
     }
-    if (!tls || counted_.kind() == Counted::Kind::kAdmin) return read();
+    if (!tls || slot_.kind() == ConnectionSlot::Kind::kAdmin) return read();
     stream_.expires_after(timeout());
     stream_.startTls(std::move(tls), Channel::Done([self = shared_from_this()](error_code ec, std::size_t) {
                        self->clear_ = ec == asio::error::no_protocol_option;
@@ -89,7 +89,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
 
   std::chrono::milliseconds timeout() const {
     const std::chrono::milliseconds usual = shared_->settings.timeout;
-    return counted_.kind() == Counted::Kind::kServed ? usual : std::min<std::chrono::milliseconds>(usual, kTurnedTimeout);
+    return slot_.kind() == ConnectionSlot::Kind::kServed ? usual : std::min<std::chrono::milliseconds>(usual, kTurnedTimeout);
   }
 
   void read() {
@@ -112,10 +112,10 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
     if (ec) return close();
     const Settings& settings = shared_->settings;
     if (clear_) return refuse(400, metrics::Refusal::kTls, "This port speaks TLS: use https:// or wss://.");
-    if (counted_.kind() == Counted::Kind::kAdmin) return answerAdmin();
-    if (counted_.kind() == Counted::Kind::kTooMany)
+    if (slot_.kind() == ConnectionSlot::Kind::kAdmin) return answerAdmin();
+    if (slot_.kind() == ConnectionSlot::Kind::kTooMany)
       return refuse(503, {}, "This server has " + std::to_string(settings.maxConnections) + " connections, its limit; try again later.");
-    if (counted_.kind() == Counted::Kind::kTooManyOfAddress) return refuseAddress();
+    if (slot_.kind() == ConnectionSlot::Kind::kTooManyOfAddress) return refuseAddress();
 
     const auto& header = parser_->get();
     Request request = requestOf(header);
@@ -123,7 +123,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
     if (!settings.trustedProxies.empty()) {
       client = access::clientAddress(peer_, allOf(header, "X-Forwarded-For"), settings.trustedProxies);
       if (client != peer_) peerName_ = access::toText(client);
-      if (!counted_.belongsTo(client)) {
+      if (!slot_.belongsTo(client)) {
         shared_->figures->refused(metrics::Refusal::kAddress);
         return refuseAddress();
       }
@@ -131,7 +131,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
     request.isSecure = hasTls_ || (client != peer_ && header["X-Forwarded-Proto"] == "https");
     auto judged = shared_->filter.judge(request);
     const auto* grant = std::get_if<access::Grant>(&judged);
-    who_ = counted_.client(grant ? *grant : access::Grant());
+    who_ = slot_.client(grant ? *grant : access::Grant());
     request.client = who_;
     if (grant) request.rights = grant->rights;
     Answer a = grant ? answer(request, *shared_->directory, RIDGECAST_VERSION, shared_->routes) : std::get<Answer>(std::move(judged));
@@ -153,7 +153,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
     a.upgradeTo ? upgrade(std::move(a.upgradeTo)) : send(std::move(a));
   }
 
-  void readBody(std::shared_ptr<const OfBody> ofBody) {
+  void readBody(std::shared_ptr<const BodyHandler> ofBody) {
     const std::uint64_t length = parser_->content_length().value_or(parser_->chunked() ? ofBody->most : 0);
     if (length > ofBody->most) return refuse(413, metrics::Refusal::kRequest, ofBody->tooLong);
     room_.emplace(shared_->bodies, who_);
@@ -170,10 +170,10 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   }
 
   // Takes room for what has come, and for nothing that was only announced.
-  void readMore(std::shared_ptr<const OfBody> ofBody) {
+  void readMore(std::shared_ptr<const BodyHandler> ofBody) {
     if (const auto full = room_->growTo(body_->get().body().size())) {
       keepAlive_ = false;
-      const bool isOwn = *full == Bodies::Full::kShare;
+      const bool isOwn = *full == RequestBodyBudget::Full::kShare;
       return send(refused(isOwn ? 429 : 503, metrics::Refusal::kBusy,
                           (isOwn ? "The " + who_ + " is sending" : "This server's clients are sending") +
                               std::string(" as many bytes of requests as may be open; try again when some have been answered."),
@@ -186,16 +186,16 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
                                  });
   }
 
-  void hasReadBody(error_code ec, std::shared_ptr<const OfBody> ofBody) {
+  void hasReadBody(error_code ec, std::shared_ptr<const BodyHandler> ofBody) {
     if (ec == beast::http::error::body_limit) return refuse(413, metrics::Refusal::kRequest, ofBody->tooLong);
     if (ec.category() == beast::http::make_error_code(beast::http::error::bad_method).category())
       return refuse(400, metrics::Refusal::kRequest, "The body is not whole (" + ec.message() + ").");
     if (ec == asio::error::operation_aborted) shared_->figures->refused(metrics::Refusal::kTimeout);
     if (ec) return close();
     // The work's thread reads it: two MiB of JSON would keep a socket's thread from all its other clients.
-    work(std::make_shared<Later>(
-        Later{.work = [body = std::make_shared<std::string>(std::move(body_->get().body())),
-                       ofBody = std::move(ofBody)](const std::stop_token&) { return ofBody->answer(std::move(*body)); }}));
+    work(std::make_shared<DeferredResponse>(
+        DeferredResponse{.work = [body = std::make_shared<std::string>(std::move(body_->get().body())),
+                                  ofBody = std::move(ofBody)](const std::stop_token&) { return ofBody->answer(std::move(*body)); }}));
   }
 
   bool hasBody() const { return parser_->chunked() || parser_->content_length().value_or(0) > 0; }
@@ -221,7 +221,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
     if (!shared_->takesStreams)
       return send(refused(503, metrics::Refusal::kDraining, "This server is leaving; connect again.", {{"Retry-After", "1"}}));
     if (buffer_.size() > 0) return refuse(400, metrics::Refusal::kRequest, "Something follows the request before the upgrade is answered.");
-    startStream(std::move(stream_), std::move(counted_), shared_, std::move(session), peerName_, std::move(grant_), parser_->release());
+    startStream(std::move(stream_), std::move(slot_), shared_, std::move(session), peerName_, std::move(grant_), parser_->release());
   }
 
   void refuseAddress() {
@@ -250,12 +250,12 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
                  {{"Retry-After", std::to_string(jobs.secondsToWait())}}));
   }
 
-  Work& queueFor(const Later& later) {
+  Work& queueFor(const DeferredResponse& later) {
     return later.makesWorld ? shared_->worlds : later.patient ? shared_->patient : later.isTile ? shared_->tiles : shared_->prompt;
   }
 
   // Does the work for an answer and watches meanwhile whether the client is still there.
-  void work(std::shared_ptr<const Later> later) {
+  void work(std::shared_ptr<const DeferredResponse> later) {
     asker_ = std::stop_source();
     auto& [jobs, figures] = queueFor(*later);
     if ((later->patient || later->isTile) && shared_->answerBytes > shared_->settings.maxAnswerBytes) return busy(jobs);
@@ -296,7 +296,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   }
 
   // Reports progress at intervals. The reports fit into the socket's buffer, so they never wait for the client.
-  void tick(const Jobs& jobs, std::shared_ptr<const Later> later) {
+  void tick(const Jobs& jobs, std::shared_ptr<const DeferredResponse> later) {
     ticking_.expires_after(kTellEvery);
     ticking_.async_wait([self = shared_from_this(), &jobs, later = std::move(later)](error_code ec) mutable {
       if (ec || !self->working_ || self->made_) return;
@@ -433,8 +433,8 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   std::string peerName_;  // behind a trusted proxy: its client's name
   Channel stream_;
   bool hasTls_ = false, clear_ = false;  // clear: plain text on a port that speaks TLS
-  Counted counted_;
-  const std::shared_ptr<Shared> shared_;
+  ConnectionSlot slot_;
+  const std::shared_ptr<ServerContext> shared_;
   beast::flat_buffer buffer_;
   std::optional<beast::http::request_parser<beast::http::empty_body>> parser_;
   beast::http::response<beast::http::string_body> response_;
@@ -445,9 +445,9 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   access::Grant grant_;
   std::string who_;  // the client, as Request::client
   std::optional<beast::http::request_parser<beast::http::string_body>> body_;
-  std::optional<Bodies::Room> room_;  // for it
-  std::string path_;                  // for metrics and log, at most 100 bytes
-  std::string sessionName_;           // the session's name as received, for the log
+  std::optional<RequestBodyBudget::Room> room_;  // for it
+  std::string path_;                             // for metrics and log, at most 100 bytes
+  std::string sessionName_;                      // the session's name as received, for the log
   bool keepAlive_ = false, head_ = false;
   std::string ifNoneMatch_;
   std::chrono::steady_clock::time_point timeoutEnds_;
@@ -462,8 +462,8 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
 
 }  // namespace
 
-void startHttp(tcp::socket&& socket, Counted counted, std::shared_ptr<Shared> shared) {
-  std::make_shared<HttpConnection>(std::move(socket), std::move(counted), std::move(shared))->start();
+void startHttp(tcp::socket&& socket, ConnectionSlot slot, std::shared_ptr<ServerContext> shared) {
+  std::make_shared<HttpConnection>(std::move(socket), std::move(slot), std::move(shared))->start();
 }
 
 }  // namespace ridgecast::net

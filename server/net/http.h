@@ -5,11 +5,11 @@
 
 #include <boost/asio/ip/tcp.hpp>
 
-#include "server/net/shared.h"
+#include "server/net/server_context.h"
 
 namespace ridgecast::net {
 
 // Serves the connection until either side ends it or it becomes a stream. `socket` runs on its own strand.
-void startHttp(boost::asio::ip::tcp::socket&& socket, Counted counted, std::shared_ptr<Shared> shared);
+void startHttp(boost::asio::ip::tcp::socket&& socket, ConnectionSlot slot, std::shared_ptr<ServerContext> shared);
 
 }  // namespace ridgecast::net

@@ -5,7 +5,7 @@
 #include <utility>
 
 #include "server/logging/logging.h"
-#include "server/net/shared.h"
+#include "server/net/server_context.h"
 
 namespace ridgecast::net {
 

@@ -12,7 +12,7 @@ namespace ridgecast::net {
 
 namespace {
 
-std::optional<Answer> operations(const std::shared_ptr<Shared>& server, const Request& request) {
+std::optional<Answer> operations(const std::shared_ptr<ServerContext>& server, const Request& request) {
   const std::string_view path = request.path();
   if (path != "/readyz" && path != "/metrics") return std::nullopt;
   if (!request.reads()) return http::wrongMethod();
@@ -24,7 +24,7 @@ std::optional<Answer> operations(const std::shared_ptr<Shared>& server, const Re
 }
 
 // DELETE /v1/sessions/NAME and /v1/sessions/NAME/members/ID
-std::optional<Answer> removal(const std::shared_ptr<Shared>& server, const Request& request) {
+std::optional<Answer> removal(const std::shared_ptr<ServerContext>& server, const Request& request) {
   constexpr std::string_view prefix = "/v1/sessions/";
   std::string_view rest = request.path();
   if (request.method != "DELETE" || !server || !rest.starts_with(prefix)) return std::nullopt;
@@ -51,7 +51,7 @@ std::optional<Answer> removal(const std::shared_ptr<Shared>& server, const Reque
   return http::plain(200, camera ? "The member is sent away." : "The session has ended; its members are sent away.");
 }
 
-double saturation(Shared& s) {
+double saturation(ServerContext& s) {
   const session::Limits& limits = s.directory->resources().limits;
   const auto share = [](double used, double limit) { return limit > 0 ? used / limit : 0; };
   return std::min(1.0, std::max({share(s.directory->cameras(), limits.maxCameras), share(s.connections, s.settings.maxConnections),
@@ -61,21 +61,21 @@ double saturation(Shared& s) {
 
 }  // namespace
 
-void addOperations(const std::shared_ptr<Shared>& shared) {
+void addOperations(const std::shared_ptr<ServerContext>& shared) {
   // Weak: the metrics may be shared and outlive this server.
-  const auto of = [weak = std::weak_ptr(shared)](double (*value)(Shared&)) {
+  const auto of = [weak = std::weak_ptr(shared)](double (*value)(ServerContext&)) {
     return [weak, value]() -> double {
       const auto now = weak.lock();
       return now ? value(*now) : 0;
     };
   };
   metrics::Registry& registry = shared->figures->registry;
-  const auto gauge = [&](const char* name, const char* help, double (*value)(Shared&)) { registry.compute(name, help, of(value)); };
-  gauge("ridgecast_cameras", "Cameras of all sessions.", [](Shared& s) -> double { return s.directory->cameras(); });
-  gauge("ridgecast_open_connections", "Connections that are open.", [](Shared& s) -> double { return s.connections; });
-  gauge("ridgecast_sessions", "Sessions.", [](Shared& s) { return static_cast<double>(s.directory->all().size()); });
+  const auto gauge = [&](const char* name, const char* help, double (*value)(ServerContext&)) { registry.compute(name, help, of(value)); };
+  gauge("ridgecast_cameras", "Cameras of all sessions.", [](ServerContext& s) -> double { return s.directory->cameras(); });
+  gauge("ridgecast_open_connections", "Connections that are open.", [](ServerContext& s) -> double { return s.connections; });
+  gauge("ridgecast_sessions", "Sessions.", [](ServerContext& s) { return static_cast<double>(s.directory->all().size()); });
   gauge("ridgecast_granted_triangles", "Triangles set aside for the cameras.",
-        [](Shared& s) { return static_cast<double>(s.directory->triangles()); });
+        [](ServerContext& s) { return static_cast<double>(s.directory->triangles()); });
   const session::Limits& limits = shared->directory->resources().limits;
   for (const auto& [name, limit] : {std::pair<const char*, double>{"cameras", limits.maxCameras},
                                     {"connections", shared->settings.maxConnections},
@@ -84,28 +84,28 @@ void addOperations(const std::shared_ptr<Shared>& shared) {
     registry.compute("ridgecast_limit", "The limit of each; 0: unlimited.", [value = limit] { return value; }, {{"of", name}});
   gauge("ridgecast_saturation", "How full the server is, 0 to 1: the fullest of cameras, connections, sessions and triangles.", saturation);
   gauge("ridgecast_certificate_expiry_seconds", "When the certificate expires, seconds since 1970; 0: no TLS.",
-        [](Shared& s) -> double { return s.certificateExpiry; });
+        [](ServerContext& s) -> double { return s.certificateExpiry; });
   gauge("ridgecast_last_reload_successful", "1 if the last reload of certificate and tokens succeeded, or there was none.",
-        [](Shared& s) -> double { return s.reloaded ? 1 : 0; });
-  registry.compute("ridgecast_queued_bytes", "Bytes that wait to be sent to clients.", of([](Shared& s) {
+        [](ServerContext& s) -> double { return s.reloaded ? 1 : 0; });
+  registry.compute("ridgecast_queued_bytes", "Bytes that wait to be sent to clients.", of([](ServerContext& s) {
                      const std::lock_guard lock(s.mutex);
                      std::size_t bytes = 0;
                      for (const auto& [stream, weak] : s.streams) bytes += stream->waitingBytes();
                      return static_cast<double>(bytes);
                    }));
-  const std::pair<const char*, double (*)(Shared&)> queues[] = {
-      {"iterations", [](Shared& s) -> double { return s.directory->resources().executor->queued(); }},
-      {"answers", [](Shared& s) -> double { return s.prompt.jobs.waiting(); }},
-      {"tiles", [](Shared& s) -> double { return s.tiles.jobs.waiting(); }},
-      {"snapshots", [](Shared& s) -> double { return s.patient.jobs.waiting(); }},
-      {"worlds", [](Shared& s) -> double { return s.worlds.jobs.waiting(); }}};
+  const std::pair<const char*, double (*)(ServerContext&)> queues[] = {
+      {"iterations", [](ServerContext& s) -> double { return s.directory->resources().executor->queued(); }},
+      {"answers", [](ServerContext& s) -> double { return s.prompt.jobs.waiting(); }},
+      {"tiles", [](ServerContext& s) -> double { return s.tiles.jobs.waiting(); }},
+      {"snapshots", [](ServerContext& s) -> double { return s.patient.jobs.waiting(); }},
+      {"worlds", [](ServerContext& s) -> double { return s.worlds.jobs.waiting(); }}};
   for (const auto& [name, depth] : queues)
     registry.compute("ridgecast_queue_depth",
                      "Pieces of work that wait for a thread: cameras' iterations, HTTP answers, tiles, snapshots, worlds to compile.",
                      of(depth), {{"queue", name}});
   registry.compute("ridgecast_memory_limit_bytes", "What this process may use; 0: unknown.",
                    [limit = static_cast<double>(memory::available())] { return limit; });
-  gauge("ridgecast_ready", "1 if new streams are accepted.", [](Shared& s) -> double { return s.ready ? 1 : 0; });
+  gauge("ridgecast_ready", "1 if new streams are accepted.", [](ServerContext& s) -> double { return s.ready ? 1 : 0; });
   registry.compute(
       "ridgecast_build_info", "Always 1; its labels say what runs.", [] { return 1.0; },
       {{"version", RIDGECAST_VERSION}, {"protocol", std::to_string(wire::kProtocolVersion)}, {"commit", std::string(version::commit())}});

@@ -10,7 +10,7 @@
 #include "server/net/http.h"
 #include "server/net/listener.h"
 #include "server/net/operations.h"
-#include "server/net/shared.h"
+#include "server/net/server_context.h"
 
 namespace ridgecast::net {
 
@@ -38,7 +38,7 @@ constexpr std::uint32_t kAdminsAtATime = 64;
 class ListeningServer final : public Server {
  public:
   ListeningServer(const Settings& settings, std::shared_ptr<session::Directory> directory, std::vector<Route> routes)
-      : shared_(std::make_shared<Shared>(settings, std::move(directory), std::move(routes))), listener_(io_), adminListener_(io_) {}
+      : shared_(std::make_shared<ServerContext>(settings, std::move(directory), std::move(routes))), listener_(io_), adminListener_(io_) {}
 
   ~ListeningServer() override { shutdown(); }
 
@@ -157,26 +157,26 @@ class ListeningServer final : public Server {
     if (gone) return;
     const access::Address address = addressOf(peer);
     const auto isProxy = [&](const access::Network& network) { return network.contains(address); };
-    auto kind = Counted::Kind::kServed;
+    auto kind = ConnectionSlot::Kind::kServed;
     std::optional<access::ConnectionsByAddress::Place> place;
     if (shared_->connections >= settings.maxConnections) {
-      kind = Counted::Kind::kTooMany;
+      kind = ConnectionSlot::Kind::kTooMany;
     } else if (std::none_of(settings.trustedProxies.begin(), settings.trustedProxies.end(), isProxy)) {
       place = shared_->connectionsByAddress.enter(address);
-      if (!place) kind = Counted::Kind::kTooManyOfAddress;
+      if (!place) kind = ConnectionSlot::Kind::kTooManyOfAddress;
     }
-    if (kind != Counted::Kind::kServed) {
-      shared_->figures->refused(kind == Counted::Kind::kTooMany ? metrics::Refusal::kConnections : metrics::Refusal::kAddress);
+    if (kind != ConnectionSlot::Kind::kServed) {
+      shared_->figures->refused(kind == ConnectionSlot::Kind::kTooMany ? metrics::Refusal::kConnections : metrics::Refusal::kAddress);
       if (shared_->turned >= kTurnedAtATime) return;
     }
-    startHttp(std::move(socket), Counted(shared_, kind, std::move(place)), shared_);
+    startHttp(std::move(socket), ConnectionSlot(shared_, kind, std::move(place)), shared_);
   }
 
   void takeAdmin(tcp::socket&& socket) {
-    if (shared_->admins < kAdminsAtATime) startHttp(std::move(socket), Counted(shared_, Counted::Kind::kAdmin, {}), shared_);
+    if (shared_->admins < kAdminsAtATime) startHttp(std::move(socket), ConnectionSlot(shared_, ConnectionSlot::Kind::kAdmin, {}), shared_);
   }
 
-  std::shared_ptr<Shared> shared_;
+  std::shared_ptr<ServerContext> shared_;
   asio::io_context io_;
   Listener listener_, adminListener_;
   std::vector<std::thread> threads_;

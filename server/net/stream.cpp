@@ -12,7 +12,7 @@
 
 #include "common/wire/wire.h"
 #include "server/access/limits.h"
-#include "server/conversation/pace.h"
+#include "server/conversation/rate.h"
 #include "server/logging/logging.h"
 #include "server/session/camera_session.h"
 
@@ -27,7 +27,7 @@ using beast::error_code;
 
 // Time for the client to read an error and answer the close.
 constexpr std::chrono::seconds kFarewellTimeout{3};
-constexpr std::chrono::seconds kMostDebt{1};  // of pings and pongs
+constexpr std::chrono::seconds kMaxDebt{1};  // of pings and pongs
 
 // What an error is to the WebSocket and in the metrics.
 std::pair<websocket::close_code, metrics::Refusal> meaningOf(wire::ErrorCode code) {
@@ -66,13 +66,13 @@ struct Outgoing {
 //   accepting -> open -> farewell (an error or the server's end: one last message, then the closing handshake) -> over
 class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
  public:
-  Stream(Channel&& channel, Counted counted, std::shared_ptr<Shared> shared, std::shared_ptr<session::Session> session, std::string peer,
-         access::Grant grant)
+  Stream(Channel&& channel, ConnectionSlot slot, std::shared_ptr<ServerContext> shared, std::shared_ptr<session::Session> session,
+         std::string peer, access::Grant grant)
       : ws_(std::move(channel)),
         timer_(ws_.get_executor()),
         expiry_(ws_.get_executor()),
         pause_(ws_.get_executor()),
-        counted_(std::move(counted)),
+        slot_(std::move(slot)),
         shared_(std::move(shared)),
         session_(std::move(session)),
         peer_(std::move(peer)),
@@ -187,7 +187,7 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
   void hasReadControl() {
     const auto now = conversation::Budget::Clock::now();
     frames_.spend(now, 1);
-    if (frames_.free() <= now + kMostDebt) return;
+    if (frames_.free() <= now + kMaxDebt) return;
     const std::string most = std::to_string(shared_->settings.maxMessagesPerSecond);
     fail(metrics::Refusal::kMessageRate, {wire::ErrorCode::kLimit, "More than " + most + " pings and pongs a second, the limit."});
   }
@@ -336,8 +336,8 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
 
   websocket::stream<Channel, false> ws_;
   asio::steady_timer timer_, expiry_, pause_;
-  const Counted counted_;
-  const std::shared_ptr<Shared> shared_;
+  const ConnectionSlot slot_;
+  const std::shared_ptr<ServerContext> shared_;
   const std::shared_ptr<session::Session> session_;
   const std::string peer_;
   access::Grant grant_;
@@ -390,7 +390,7 @@ void Stream::accepted(error_code ec) {
   if (!shared_->takesStreams || session_->isRetired()) return goAway();  // since meanwhile
   judge();                                                               // tokens may have been reloaded meanwhile
   if (stage_ != Stage::kOpen) return;
-  auto place = session_->enter(counted_.client(grant_));
+  auto place = session_->enter(slot_.client(grant_));
   if (!place) return fail(metrics::Refusal::kFull, {wire::ErrorCode::kLimit, place.error().message});
   budgets_ = place->budgets;
   camera_ = std::make_shared<session::CameraSession>(session_, std::move(*place), shared_->directory->nextCameraId(),
@@ -425,9 +425,9 @@ Request requestOf(const beast::http::request_header<>& header) {
           .subprotocols = header[beast::http::field::sec_websocket_protocol]};
 }
 
-void startStream(Channel&& channel, Counted counted, std::shared_ptr<Shared> shared, std::shared_ptr<session::Session> session,
+void startStream(Channel&& channel, ConnectionSlot slot, std::shared_ptr<ServerContext> shared, std::shared_ptr<session::Session> session,
                  std::string peer, access::Grant grant, beast::http::request<beast::http::empty_body> request) {
-  std::make_shared<Stream>(std::move(channel), std::move(counted), std::move(shared), std::move(session), std::move(peer), std::move(grant))
+  std::make_shared<Stream>(std::move(channel), std::move(slot), std::move(shared), std::move(session), std::move(peer), std::move(grant))
       ->start(std::move(request));
 }
 

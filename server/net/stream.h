@@ -8,7 +8,7 @@
 #include <boost/beast/http/message.hpp>
 
 #include "server/access/rights.h"
-#include "server/net/shared.h"
+#include "server/net/server_context.h"
 
 namespace ridgecast::net {
 
@@ -17,7 +17,7 @@ Request requestOf(const boost::beast::http::request_header<>& header);
 
 // Answers the upgrade in `request` and serves the stream until either side ends it. `peer`: the client's address, for the log. Call on the
 // connection's strand.
-void startStream(Channel&& channel, Counted counted, std::shared_ptr<Shared> shared, std::shared_ptr<session::Session> session,
+void startStream(Channel&& channel, ConnectionSlot slot, std::shared_ptr<ServerContext> shared, std::shared_ptr<session::Session> session,
                  std::string peer, access::Grant grant, boost::beast::http::request<boost::beast::http::empty_body> request);
 
 }  // namespace ridgecast::net

@@ -33,11 +33,10 @@ settings::Settings grant(const settings::Settings& asked, const Limits& limits) 
   const settings::MetricTraits& metric = settings::traits(granted.metric);
   granted.threshold = std::clamp(granted.threshold > 0 ? granted.threshold : metric.threshold, metric.least, metric.most);
   if (granted.triangleBudget == 0) granted.triangleBudget = limits.defaultBudget;
-  granted.triangleBudget = std::clamp(granted.triangleBudget, settings::kLeastBudget, limits.maxBudget);
+  granted.triangleBudget = std::clamp(granted.triangleBudget, settings::kMinBudget, limits.maxBudget);
   granted.candidates = std::min(granted.candidates, settings::kMaxCandidates);
   if (granted.metric == settings::Metric::kThesis) granted.colourError = 0;
-  if (granted.colourError > 0)
-    granted.colourError = std::clamp(granted.colourError, settings::kLeastColourError, settings::kMostColourError);
+  if (granted.colourError > 0) granted.colourError = std::clamp(granted.colourError, settings::kMinColourError, settings::kMaxColourError);
   return granted;
 }
 
@@ -46,16 +45,16 @@ Pipeline::Pipeline(std::shared_ptr<const terrain::Terrain> terrain, const settin
     : state_(std::make_unique<State>(std::move(terrain), granted, std::move(pool))) {}
 Pipeline::~Pipeline() = default;
 
-settings::Figures Pipeline::iterate(const camera::Camera& camera) {
+settings::IterationStats Pipeline::iterate(const camera::Camera& camera) {
   expects(camera::isValid(camera), "a camera that comes this far is valid");
   State& s = *state_;
-  settings::Figures figures;
+  settings::IterationStats figures;
   const bool still = camera == s.motion.camera;
   if (s.settled && still) return s.describe(figures);  // nothing can change
   const std::uint64_t heightsBefore = s.mesh.mesh().heights() + s.horizon.heights();
   const double thresholdBefore = s.effective;
   Stopwatch watch;
-  s.pool->rouse();
+  s.pool->wakeOne();
 
   // select
   const double ground = s.terrain->height({camera.pose.x, camera.pose.z});
@@ -72,7 +71,7 @@ settings::Figures Pipeline::iterate(const camera::Camera& camera) {
   s.searchBound.begin(s.effective, s.isLimited());
   const bool raised = s.searchBound.isRaised();
   s.motion.follow(camera, selection.fromNothing);
-  if (!still || selection.changed) s.lookAnew();
+  if (!still || selection.changed) s.restart();
   refinement::View view = s.view();
   if (s.closely) view.closely = s.spacing();
   s.castHorizon(view, ground);
@@ -110,7 +109,7 @@ void Pipeline::change(const settings::Settings& granted) {
   // What the budget has raised the threshold to stays, until the mesh is small enough.
   s.effective = std::max(granted.threshold, s.effective > s.settings.threshold ? s.effective : 0.0);
   s.settings = granted;
-  if (other) s.lookAnew();
+  if (other) s.restart();
 }
 
 void Pipeline::setGround(std::shared_ptr<const terrain::Terrain> terrain, std::span<const lattice::Area> changed) {
@@ -118,10 +117,10 @@ void Pipeline::setGround(std::shared_ptr<const terrain::Terrain> terrain, std::s
   s.terrain = terrain;
   s.horizon.setTerrain(terrain, changed);
   s.mesh.setGround(std::move(terrain), changed, *s.pool);
-  s.lookAnew();
+  s.restart();
 }
 
-void Pipeline::setInsertionLimit(std::uint32_t most) { state_->insertionLimit = std::min<std::size_t>(most, kMostInsertions); }
+void Pipeline::setInsertionLimit(std::uint32_t most) { state_->insertionLimit = std::min<std::size_t>(most, kMaxInsertions); }
 
 bool Pipeline::settled() const { return state_->settled; }
 

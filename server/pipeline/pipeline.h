@@ -28,7 +28,7 @@ namespace ridgecast::pipeline {
 
 struct Limits {
   std::uint32_t defaultBudget = settings::kDefaultBudget;
-  std::uint32_t maxBudget = settings::kMostBudget;
+  std::uint32_t maxBudget = settings::kMaxBudget;
 };
 
 // The settings with defaults filled in and limits applied (common/settings; candidates: settings::kMaxCandidates).
@@ -41,7 +41,7 @@ class IteratingMesh {
   virtual ~IteratingMesh() = default;
 
   // One iteration. `camera` must satisfy camera::isValid.
-  virtual settings::Figures iterate(const camera::Camera& camera) = 0;
+  virtual settings::IterationStats iterate(const camera::Camera& camera) = 0;
 
   // From the next iteration on. Another threshold, or a budget that the mesh was made for, goes on with the mesh there is; another metric,
   // colour error or a larger budget begins anew, with versions that go on.
@@ -52,11 +52,11 @@ class IteratingMesh {
   virtual void setGround(std::shared_ptr<const terrain::Terrain> terrain, std::span<const lattice::Area> changed) = 0;
 
   // At most so many vertices are inserted by one iteration, the most wanted first; never more than 24,000. For clients whose line is
-  // narrow, or on a busy machine: what is postponed is detail, and Figures::effectiveThreshold says how much.
+  // narrow, or on a busy machine: what is postponed is detail, and IterationStats::effectiveThreshold says how much.
   virtual void setInsertionLimit(std::uint32_t most) = 0;
 
   // Whether the last iteration changed nothing and another one with the same camera would change nothing: the mesh then keeps
-  // Figures::effectiveThreshold wherever the camera sees it, the ground narrower than twelve of its pixels and jumps narrower than the
+  // IterationStats::effectiveThreshold wherever the camera sees it, the ground narrower than twelve of its pixels and jumps narrower than the
   // lattice excepted. Before it says so, the camera has looked at everything closely.
   virtual bool settled() const = 0;
 
@@ -91,7 +91,7 @@ class Pipeline final : public IteratingMesh {
   Pipeline(const Pipeline&) = delete;
   Pipeline& operator=(const Pipeline&) = delete;
 
-  settings::Figures iterate(const camera::Camera& camera) override;
+  settings::IterationStats iterate(const camera::Camera& camera) override;
   void change(const settings::Settings& granted) override;
   void setGround(std::shared_ptr<const terrain::Terrain> terrain, std::span<const lattice::Area> changed) override;
   void setInsertionLimit(std::uint32_t most) override;

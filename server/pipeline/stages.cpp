@@ -17,7 +17,7 @@ using refinement::Pending;
 namespace {
 
 // A budget that binds raises the threshold by at most this factor: one below the grids alone, which always stay, cannot be kept.
-constexpr double kMostRaised = 100;
+constexpr double kMaxRaised = 100;
 // Vertices are removed below this share of the threshold.
 constexpr double kRemoval = 0.5;
 // The thesis never removes; with its metric vertices go only in leaves that the wide frustum does not see, when the budget is nearly full.
@@ -89,7 +89,7 @@ void Pipeline::State::fitBudget(bool otherLeaves) {
   }
   fill = static_cast<double>(live) / settings.triangleBudget;
   if (fill > 0.98)
-    effective = std::min(effective * 1.05, kMostRaised * settings.threshold);
+    effective = std::min(effective * 1.05, kMaxRaised * settings.threshold);
   else if (fill < 0.95)
     effective = std::max(settings.threshold, effective * 0.95);
 }
@@ -150,7 +150,7 @@ void Pipeline::State::limitInsertions(const refinement::View& view) {
   // What one iteration cannot hold comes next, and is not withheld.
   const bool forNow = isThesis() || (budgeted >= insertionLimit && !isLimited());
   if (!forNow) left = std::max(left, std::ranges::max(putOff));
-  if (isLimited() && room == insertionLimit) searchBound.raise(putOff, room, kMostRaised * settings.threshold);
+  if (isLimited() && room == insertionLimit) searchBound.raise(putOff, room, kMaxRaised * settings.threshold);
 }
 
 std::vector<double> Pipeline::State::keepMostWanted(std::size_t room, std::size_t wanted, const refinement::View& view) {
@@ -200,7 +200,7 @@ void Pipeline::State::lookClosely(const refinement::View& view) {
 
 // ---- triangulate ----
 
-void Pipeline::State::change(const refinement::View& view, settings::Figures& figures) {
+void Pipeline::State::change(const refinement::View& view, settings::IterationStats& figures) {
   std::vector<std::span<const std::uint32_t>> writeSets;
   std::erase_if(busy, [](Leaf* leaf) {
     const bool isPutOff = leaf->work.isEmpty();
@@ -269,7 +269,7 @@ void Pipeline::State::settle(bool rests, refinement::View& view) {
   lookClosely(view);
 }
 
-settings::Figures Pipeline::State::describe(settings::Figures figures) const {
+settings::IterationStats Pipeline::State::describe(settings::IterationStats figures) const {
   figures.leaves = static_cast<std::uint32_t>(leaves.size());
   figures.visibleLeaves = static_cast<std::uint32_t>(std::ranges::count(seen, 1));
   figures.triangles = live;

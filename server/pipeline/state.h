@@ -12,11 +12,11 @@ namespace ridgecast::pipeline {
 using generation::Leaf;
 
 // A close look tries points this many pixels apart for each pixel of the threshold, within bounds.
-inline constexpr double kClosely = 12, kLeastClosely = 4, kMostClosely = 100;
+inline constexpr double kClosely = 12, kMinClosely = 4, kMaxClosely = 100;
 // At least so many triangles an iteration, if there are: whole leaves, about a millisecond for each thousand.
 inline constexpr std::size_t kLookedAtOnce = 8'192;
 // At most so many insertions an iteration, the most wanted first, so that the newest camera is never far away.
-inline constexpr std::size_t kMostInsertions = 24'000;
+inline constexpr std::size_t kMaxInsertions = 24'000;
 
 // The way of the camera so far. (The quadtree measures its own: from the ground below, which goes up and down, too.)
 struct Motion {
@@ -51,9 +51,9 @@ class SearchBound {
 struct Pipeline::State {
   State(std::shared_ptr<const terrain::Terrain> terrain, const settings::Settings& granted, std::shared_ptr<scheduling::Pool> workers);
 
-  bool isLimited() const { return !isThesis() && insertionLimit < kMostInsertions; }
+  bool isLimited() const { return !isThesis() && insertionLimit < kMaxInsertions; }
   bool isThesis() const { return settings.metric == settings::Metric::kThesis; }
-  double spacing() const { return std::clamp(kClosely * effective, kLeastClosely, kMostClosely); }
+  double spacing() const { return std::clamp(kClosely * effective, kMinClosely, kMaxClosely); }
   refinement::View view() const;
 
   // Counts the triangles, if other leaves have them than at the last publish(), and raises or lowers the threshold as the budget demands.
@@ -69,7 +69,7 @@ struct Pipeline::State {
   std::vector<double> keepMostWanted(std::size_t room, std::size_t wanted, const refinement::View& view);
   // Removes, inserts, and evaluates what is fresh in the leaves that changed, in parallel where write sets are disjoint, with the result of
   // doing it one leaf after the other. Counts what it inserted, removed, and deferred to the serial step at the end.
-  void change(const refinement::View& view, settings::Figures& figures);
+  void change(const refinement::View& view, settings::IterationStats& figures);
   // Chooses candidates for every fresh triangle. `view`: of the last findWork(), if there was one since triangles were generated.
   void evaluate(const refinement::View* view);
   // Looks closely at some more of the leaves that may be seen.
@@ -79,12 +79,12 @@ struct Pipeline::State {
   // `rests`: this iteration changed nothing. From then on looks closely for more to do; then the mesh is settled.
   void settle(bool rests, refinement::View& view);
   // The camera moved, or something else has changed: looks anew.
-  void lookAnew() {
+  void restart() {
     settled = closely = false;
     looked = 0;
   }
   // Fills in what there is.
-  settings::Figures describe(settings::Figures figures) const;
+  settings::IterationStats describe(settings::IterationStats figures) const;
 
   settings::Settings settings;
   std::uint32_t madeFor;  // triangles that the mesh has room for
@@ -92,7 +92,7 @@ struct Pipeline::State {
   std::shared_ptr<scheduling::Pool> pool;
   refinement::Horizon horizon;
   generation::CameraMesh mesh;
-  std::size_t insertionLimit = kMostInsertions;
+  std::size_t insertionLimit = kMaxInsertions;
   double effective;  // threshold; above the granted one while the budget binds
   SearchBound searchBound;
   double fill = 0;         // of the budget

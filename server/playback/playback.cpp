@@ -22,8 +22,8 @@ namespace {
 using namespace recording;
 
 constexpr std::chrono::milliseconds kTurn{20};
-constexpr std::chrono::seconds kStay{1};  // after going back: who asks meanwhile goes back with the last who does
-constexpr std::size_t kMostEdits = session::Edits::kMostWaiting / 2;  // under way
+constexpr std::chrono::seconds kStay{1};                            // after going back: who asks meanwhile goes back with the last who does
+constexpr std::size_t kMaxEdits = session::Edits::kMaxWaiting / 2;  // under way
 
 }  // namespace
 
@@ -82,7 +82,7 @@ struct Playback::State {
   // To the clock's time.
   void advance(const std::stop_token& stop) {
     const auto now = static_cast<std::int64_t>(session->presence().state().clock.time);
-    while (next && next->time <= now && *openEdits < kMostEdits && !stop.stop_requested()) {
+    while (next && next->time <= now && *openEdits < kMaxEdits && !stop.stop_requested()) {
       std::visit([this](const auto& e) { take(e); }, next->event);
       next = reader->next();
       if (next) continue;

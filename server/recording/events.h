@@ -58,7 +58,7 @@ struct Left {
 struct Iterated {
   std::uint64_t camera = 0;
   std::optional<settings::Settings> granted{};  // changed before this iteration
-  std::uint32_t insertions = 0;                 // the bound that held, as Figures::insertionLimit
+  std::uint32_t insertions = 0;                 // the bound that held, as IterationStats::insertionLimit
   std::uint64_t edit = 0;                       // of the ground
   std::vector<lattice::Area> changed{};         // where the ground differs from that of the iteration before, as setGround was told
   std::uint64_t pose = 0;                       // sequence
@@ -89,10 +89,10 @@ struct Clocked {
 
 // A question that a member asked over the stream; they do not change the mesh.
 struct Asked {
-  static constexpr std::size_t kMostBytes = 512;
+  static constexpr std::size_t kMaxBytes = 512;
   std::uint64_t camera = 0;
   std::uint32_t places = 0;  // or rays
-  std::string message{};     // wire::encode of the ClientMessage; empty: it has more than kMostBytes
+  std::string message{};     // wire::encode of the ClientMessage; empty: it has more than kMaxBytes
   friend bool operator==(const Asked&, const Asked&) = default;
 };
 

@@ -213,8 +213,8 @@ std::uint32_t flagsOf(const Iterated& e, const Known& known) {
 }
 
 bool isOnLattice(const lattice::Area& a) {
-  constexpr lattice::Step kMost = 2 * lattice::kMaxPosition;
-  return std::ranges::all_of(std::array{a.x0, a.z0, a.x1, a.z1}, [](lattice::Step s) { return s >= -kMost && s <= kMost; });
+  constexpr lattice::Step kMax = 2 * lattice::kMaxPosition;
+  return std::ranges::all_of(std::array{a.x0, a.z0, a.x1, a.z1}, [](lattice::Step s) { return s >= -kMax && s <= kMax; });
 }
 
 std::int64_t goOn(std::int64_t last, std::int64_t before) {
@@ -272,7 +272,7 @@ bool follow(std::map<std::uint64_t, Known>& cameras, const Event& event) {
   if (const auto* joined = std::get_if<Joined>(&event)) {
     cameras[joined->camera] = Known{};
     cameras[joined->camera].edit = joined->edit;
-    return cameras.size() <= kMostCameras;
+    return cameras.size() <= kMaxCameras;
   }
   if (const auto* left = std::get_if<Left>(&event)) return cameras.erase(left->camera) > 0;
   return true;
@@ -322,7 +322,7 @@ bool Encoder::put(const Record& record, Bytes& out) {
         return true;
       },
       record.event);
-  if (!isKnown || body.size() > kMostRecordBytes) return false;
+  if (!isKnown || body.size() > kMaxRecordBytes) return false;
   time_ = record.time;
   codec::putVarint(out, body.size());
   out.insert(out.end(), body.begin(), body.end());

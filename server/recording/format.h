@@ -23,9 +23,9 @@
 
 namespace ridgecast::recording {
 
-inline constexpr std::size_t kMostBlockBytes = std::size_t{4} << 20;   // of a frame's content
-inline constexpr std::size_t kMostRecordBytes = std::size_t{2} << 20;  // so that a block has room for one
-inline constexpr std::size_t kMostCameras = 65'536;                    // that live at a time
+inline constexpr std::size_t kMaxBlockBytes = std::size_t{4} << 20;   // of a frame's content
+inline constexpr std::size_t kMaxRecordBytes = std::size_t{2} << 20;  // so that a block has room for one
+inline constexpr std::size_t kMaxCameras = 65'536;                    // that live at a time
 
 using Bytes = std::vector<std::uint8_t>;
 
@@ -40,7 +40,7 @@ struct Known {
 class Encoder {
  public:
   // Appends the record. False, and nothing is appended: an iteration or end of a camera that has not joined, or more than
-  // kMostRecordBytes.
+  // kMaxRecordBytes.
   bool put(const Record& record, Bytes& out);
 
  private:

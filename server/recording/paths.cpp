@@ -42,7 +42,7 @@ class Export {
   Outcome<void> take(const Iterated& i, std::int64_t time) {
     Flight& f = flights_[i.camera];
     if (f.last == i.view.pose) return {};
-    if (!f.keyframes.empty() && (f.keyframes.size() == kMostKeyframes || time - f.began > kLongest))
+    if (!f.keyframes.empty() && (f.keyframes.size() == kMaxKeyframes || time - f.began > kLongest))
       if (auto written = write(i.camera, f); !written) return written.error();
     if (f.keyframes.empty()) f.began = time, f.fov = i.view.projection.verticalFov;
     if (!f.keyframes.empty() && time - f.at < kShortest)

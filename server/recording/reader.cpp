@@ -62,7 +62,7 @@ struct Blocks::State {
 };
 
 Blocks::Blocks(std::istream& in) : in_(in), state_(std::make_unique<State>()) {
-  ZSTD_DCtx_setParameter(state_->context.get(), ZSTD_d_windowLogMax, 22);  // kMostBlockBytes
+  ZSTD_DCtx_setParameter(state_->context.get(), ZSTD_d_windowLogMax, 22);  // kMaxBlockBytes
 }
 Blocks::~Blocks() = default;
 
@@ -82,11 +82,11 @@ std::optional<std::span<const std::uint8_t>> Blocks::next() {
       }
     }
     begun = true;
-    if (size == block.size()) block.resize(std::min(kMostBlockBytes, std::max<std::size_t>(65'536, 2 * size)));
+    if (size == block.size()) block.resize(std::min(kMaxBlockBytes, std::max<std::size_t>(65'536, 2 * size)));
     ZSTD_outBuffer out{block.data(), block.size(), size};
     const std::size_t left = ZSTD_decompressStream(s.context.get(), &out, &s.in);
     size = out.pos;
-    if (ZSTD_isError(left) || (left > 0 && size == kMostBlockBytes)) {
+    if (ZSTD_isError(left) || (left > 0 && size == kMaxBlockBytes)) {
       problem_ = "A block of it is damaged.";
       return {};
     }

@@ -32,7 +32,7 @@ std::optional<std::pair<std::string, unsigned>> nameOf(const std::filesystem::pa
 // sentence: no such file, or no recording there.
 Outcome<std::vector<std::vector<std::filesystem::path>>> recordingsAt(const std::filesystem::path& path);
 
-// The content of a part, frame by frame. Memory: kMostBlockBytes and what zstd needs for that.
+// The content of a part, frame by frame. Memory: kMaxBlockBytes and what zstd needs for that.
 class Blocks {
  public:
   explicit Blocks(std::istream& in);

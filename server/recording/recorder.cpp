@@ -151,7 +151,7 @@ Outcome<std::unique_ptr<Recorder>> Recorder::open(const fs::path& folder, std::u
   auto state = std::make_shared<State>();
   state->folderLock = folderLock;
   state->folder = folder;
-  state->bytes = std::max(bytes, kLeastBytes);
+  state->bytes = std::max(bytes, kMinBytes);
   state->partBytes = state->bytes / 16;
   std::map<std::string, std::vector<std::pair<fs::file_time_type, fs::path>>> found;  // by recording
   for (const auto& entry : fs::directory_iterator(folder, failed))
@@ -206,10 +206,10 @@ std::shared_ptr<Observer> Recorder::begin(World world, std::vector<Edited> past,
 bool Recorder::State::push(const std::shared_ptr<Writing>& of, Record&& record, bool isEnd) {
   const std::lock_guard lock(mutex);
   const std::size_t size = bytesOf(record.event);
-  if (!isEnd && waitingBytes + size > kMostWaiting) return false;
+  if (!isEnd && waitingBytes + size > kMaxWaiting) return false;
   waitingBytes += size;
   waiting.push_back({of, std::move(record), isEnd});
-  if (waitingBytes > kMostWaiting / 4) changed.notify_all();
+  if (waitingBytes > kMaxWaiting / 4) changed.notify_all();
   return true;
 }
 
@@ -220,7 +220,7 @@ void Recorder::State::run() {
     std::vector<Waiting> taken;
     {
       std::unique_lock lock(mutex);
-      changed.wait_for(lock, kEvery / 2, [&] { return ends || waitingBytes > kMostWaiting / 4; });
+      changed.wait_for(lock, kEvery / 2, [&] { return ends || waitingBytes > kMaxWaiting / 4; });
       isLast = ends;
       taken.swap(waiting);
       waitingBytes = 0;
@@ -288,7 +288,7 @@ bool Recorder::State::keep(Writing& w, const Edited& edited) {
     if (!make(w, w.edits, kEditsPart)) return false;
     Encoder().put({0, w.world}, w.edits.block);
   }
-  if (!Encoder().put({0, edited}, w.edits.block)) return end(w, "an edit has more than " + std::to_string(kMostRecordBytes) + " bytes");
+  if (!Encoder().put({0, edited}, w.edits.block)) return end(w, "an edit has more than " + std::to_string(kMaxRecordBytes) + " bytes");
   w.lastEdit = edited.number;
   return w.edits.block.size() < kFullBlock || append(w, w.edits);
 }

@@ -1,7 +1,7 @@
 #pragma once
 // Writes recordings: one for each session that lives, as parts in one folder (reader.h).
 //
-//   note() --> queue (kMostWaiting bytes) --> one thread of low priority: codes, compresses, writes a block a second
+//   note() --> queue (kMaxWaiting bytes) --> one thread of low priority: codes, compresses, writes a block a second
 //
 // A block reaches the operating system in one write, so that after kill -9 all but the last second is there. A recording that cannot be
 // kept (the disk is full or too slow, its edits alone take half of the room) ends with a sentence in the log, and disturbs nobody.
@@ -22,8 +22,8 @@ namespace ridgecast::recording {
 
 class Recorder {
  public:
-  static constexpr std::size_t kMostWaiting = std::size_t{8} << 20;
-  static constexpr std::uint64_t kLeastBytes = std::uint64_t{1} << 20;
+  static constexpr std::size_t kMaxWaiting = std::size_t{8} << 20;
+  static constexpr std::uint64_t kMinBytes = std::uint64_t{1} << 20;
 
   // Makes the folder if there is none. It is locked while this lives: others' parts would be taken for old ones. Error: one sentence: it
   // cannot be made or written, or is in use.

@@ -21,8 +21,8 @@ namespace {
 
 using Terrain = std::shared_ptr<const terrain::Terrain>;
 
-constexpr std::uint32_t kMostBudget = 50'000'000;  // that a server's operator can allow
-constexpr std::size_t kGroundsKept = 1024;         // behind the oldest that a camera has: one may join on an older ground
+constexpr std::uint32_t kMaxBudget = 50'000'000;  // that a server's operator can allow
+constexpr std::size_t kGroundsKept = 1024;        // behind the oldest that a camera has: one may join on an older ground
 
 // What one iteration is given.
 struct Job {
@@ -141,7 +141,7 @@ class Replaying {
       if (!taken) fail("At " + text::rounded(seconds, 6) + " s: " + taken.error().message);
       summary_.seconds = seconds;
       std::unique_lock lock(progress_->mutex);
-      progress_->changed.wait(lock, [&] { return progress_->queued < kMostQueued; });
+      progress_->changed.wait(lock, [&] { return progress_->queued < kMaxQueued; });
       if (progress_->isOver()) break;
     }
     std::unique_lock lock(progress_->mutex);
@@ -194,7 +194,7 @@ class Replaying {
   }
 
   Outcome<void> check(const settings::Settings& granted) const {
-    settings::Settings fits = pipeline::grant(granted, {settings::kDefaultBudget, kMostBudget});
+    settings::Settings fits = pipeline::grant(granted, {settings::kDefaultBudget, kMaxBudget});
     if (!terrain_->colours()) fits.colourError = 0;
     if (fits == granted) return {};
     return Error{"A camera has settings that no server grants."};

@@ -45,10 +45,10 @@ struct Summary {
   bool wasCutOff = false;
 };
 
-inline constexpr std::size_t kMostQueued = 4096;
+inline constexpr std::size_t kMaxQueued = 4096;
 
 // `parts` as of Reader::open; `terrain` is the recording's: checkTerrain. Ends at the first difference. Error: one sentence: a file cannot
-// be read, or its content makes no sense. Memory: a mesh for each camera that lives, and at most kMostQueued iterations that wait.
+// be read, or its content makes no sense. Memory: a mesh for each camera that lives, and at most kMaxQueued iterations that wait.
 Outcome<Summary> replay(const std::vector<std::filesystem::path>& parts, std::shared_ptr<const terrain::Terrain> terrain,
                         scheduling::Executor& executor, const Span& span);
 

@@ -286,7 +286,7 @@ bool Pool::post(std::function<void()> task) {
   return true;
 }
 
-void Pool::rouse() {
+void Pool::wakeOne() {
   auto& executor = *impl_->executor;
   if (impl_->limit == 1) return;
   const std::lock_guard lock(executor.mutex);

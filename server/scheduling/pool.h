@@ -57,7 +57,7 @@ class Pool {
   bool post(std::function<void()> task);
 
   // A loop follows within microseconds: one thread of the executor that sleeps, if any, is woken now and looks around for it.
-  void rouse();
+  void wakeOne();
 
   // body(k) for every k in [0, count), in parallel; returns when all are done. The calling thread takes part, so that a task of this
   // pool may call it without a thread of its own being lost. `grain` indices are handed out at a time. What body throws first is

@@ -8,14 +8,14 @@
 #include <utility>
 
 #include "common/settings/settings.h"
-#include "server/metrics/figures.h"
+#include "server/metrics/metrics.h"
 #include "server/session/timer.h"
 
 namespace ridgecast::session {
 
 class CameraFigures {
  public:
-  CameraFigures(std::shared_ptr<metrics::Figures> all, const Timer& timer) : all_(std::move(all)), timer_(timer) {}
+  CameraFigures(std::shared_ptr<metrics::Metrics> all, const Timer& timer) : all_(std::move(all)), timer_(timer) {}
   CameraFigures(const CameraFigures&) = delete;
   CameraFigures& operator=(const CameraFigures&) = delete;
   ~CameraFigures() { holds(0, false); }
@@ -29,7 +29,7 @@ class CameraFigures {
  private:
   static constexpr std::size_t kMaxArrivals = 64;
 
-  const std::shared_ptr<metrics::Figures> all_;
+  const std::shared_ptr<metrics::Metrics> all_;
   const Timer& timer_;
   std::mutex mutex_;
   std::uint32_t triangles_ = 0;

@@ -20,7 +20,7 @@ namespace {
 using wire::ErrorCode;
 using wire::ErrorMessage;
 
-static_assert(edits::kMostAuthorBytes == wire::kMaxNameBytes);
+static_assert(edits::kMaxAuthorBytes == wire::kMaxNameBytes);
 
 constexpr std::chrono::milliseconds kEditPause{5};    // between two messages about edits
 constexpr std::chrono::milliseconds kQueueRetry{20};  // while more is queued for a client than it may have for its next iteration
@@ -45,7 +45,7 @@ wire::Settings grant(const wire::Settings& requested, const Limits& limits, bool
   out.triangleBudget = place.grant(out.triangleBudget);
   const std::uint64_t most = limits.maxBytesPerSecond;
   if (out.bytesPerSecond == 0 || (most != 0 && out.bytesPerSecond > most)) out.bytesPerSecond = most;
-  if (out.bytesPerSecond != 0) out.bytesPerSecond = std::max(out.bytesPerSecond, kLeastBytesPerSecond);
+  if (out.bytesPerSecond != 0) out.bytesPerSecond = std::max(out.bytesPerSecond, kMinBytesPerSecond);
   return out;
 }
 
@@ -93,7 +93,7 @@ wire::World worldOf(const Session& session, const wire::Settings& granted, std::
 void noteQuestion(const Session& session, std::uint64_t camera, std::size_t places, const wire::ClientMessage& question) {
   recording::Asked asked{camera, static_cast<std::uint32_t>(places)};
   if (places <= 64) asked.message = wire::encode(question);
-  if (asked.message.size() > recording::Asked::kMostBytes) asked.message.clear();
+  if (asked.message.size() > recording::Asked::kMaxBytes) asked.message.clear();
   session.note(std::move(asked));
 }
 
@@ -113,7 +113,7 @@ void CameraSession::receive(wire::ClientMessage message) {
   {
     const std::lock_guard lock(mutex_);
     if (conversation_.closed()) return;
-    metrics::Figures& all = *session_->resources().figures;
+    metrics::Metrics& all = *session_->resources().figures;
     const std::uint64_t mismatches = conversation_.mismatches();
     refusal = conversation_.receive(message, session_->resources().timer->now());
     all.mismatches.Increment(static_cast<double>(conversation_.mismatches() - mismatches));
@@ -432,7 +432,7 @@ std::vector<lattice::Area> CameraSession::followGround() {
 }
 
 void CameraSession::work(const conversation::Iterate& order) {
-  metrics::Figures& figures = *session_->resources().figures;
+  metrics::Metrics& figures = *session_->resources().figures;
   if (order.granted) {
     mesh_->change(*order.granted);
     session_->presence().setBudget(id_, order.granted->bytesPerSecond);

@@ -14,10 +14,10 @@ void Clock::play(const wire::Clock& recording, Instant now) {
 
 std::uint64_t Clock::upToEnd(std::uint64_t time) const { return std::min(end_ == 0 ? wire::kMaxTime : end_, time); }
 
-std::uint64_t Clock::movedTo(std::uint64_t time) const { return std::max(time_, end_ == 0 ? std::min(kMostMoved, time) : upToEnd(time)); }
+std::uint64_t Clock::movedTo(std::uint64_t time) const { return std::max(time_, end_ == 0 ? std::min(kMaxMoved, time) : upToEnd(time)); }
 
 bool Clock::isTooFarAhead(std::uint64_t time, Instant now) const {
-  return end_ == 0 && time > std::min(kMostMoved, this->time(now) + wire::kMaxStepTime);
+  return end_ == 0 && time > std::min(kMaxMoved, this->time(now) + wire::kMaxStepTime);
 }
 
 std::uint64_t Clock::time(Instant now) const {

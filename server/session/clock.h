@@ -24,7 +24,7 @@ class Clock {
  public:
   using Instant = std::chrono::steady_clock::time_point;
   static constexpr std::size_t kMaxQueuedSteps = 64;
-  static constexpr std::uint64_t kMostMoved = wire::kMaxTime / 2;  // by jumps and steps, so that it can always run: 142 years
+  static constexpr std::uint64_t kMaxMoved = wire::kMaxTime / 2;  // by jumps and steps, so that it can always run: 142 years
 
   explicit Clock(Instant now, wire::ClockMode mode = wire::ClockMode::kRealTime)
       : since_(now), mode_(mode), rate_(mode == wire::ClockMode::kStepped ? 0 : 1) {}
@@ -42,7 +42,7 @@ class Clock {
   void follow(std::uint64_t member) { followers_.insert(member); }
   bool leave(std::uint64_t member, Instant now);
 
-  // Of a jump: by more than kMaxStepTime, or beyond kMostMoved, and the clock is not a recording's.
+  // Of a jump: by more than kMaxStepTime, or beyond kMaxMoved, and the clock is not a recording's.
   bool isTooFarAhead(std::uint64_t time, Instant now) const;
 
   // Returns whether the state changed; it does not if the clock belongs to another member. An earlier time is ignored, and so is one

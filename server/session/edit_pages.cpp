@@ -20,7 +20,7 @@ Outcome<EditPages::Page> pageOf(const std::vector<Applied>& edits) {
     if (!operation) return operation.error();
     std::string json = edits::toJson(*operation);
     bytes += json.size();
-    if (!message.edits.empty() && (bytes > EditPages::kMostBytes || message.edits.size() == wire::kMaxMadeEdits)) break;
+    if (!message.edits.empty() && (bytes > EditPages::kMaxBytes || message.edits.size() == wire::kMaxMadeEdits)) break;
     edits::Author author = edits::authorOf(made.author);
     message.edits.push_back({made.number, std::move(author.client), std::move(author.name), std::move(json), made.ground});
   }
@@ -41,7 +41,7 @@ void EditPages::page(std::uint64_t after, Take take) {
       if (auto message = coded.message.lock(); message && coded.after == after)
         return answer({after, Page{std::move(message), coded.last}, {}});
   }
-  edits_->read(after, kMostKeptBytes, [weak = weak_from_this(), after](Outcome<std::vector<Applied>> edits) {
+  edits_->read(after, kMaxKeptBytes, [weak = weak_from_this(), after](Outcome<std::vector<Applied>> edits) {
     const auto self = weak.lock();
     if (!self) return;
     const std::lock_guard lock(self->mutex_);

@@ -24,7 +24,7 @@ namespace ridgecast::session {
 class EditPages : public std::enable_shared_from_this<EditPages> {
  public:
   // Of the edits as they are kept, and of their text, or a single edit.
-  static constexpr std::size_t kMostKeptBytes = 64u << 10, kMostBytes = 256u << 10;
+  static constexpr std::size_t kMaxKeptBytes = 64u << 10, kMaxBytes = 256u << 10;
 
   EditPages(std::shared_ptr<Edits> edits, scheduling::Executor& executor) : edits_(std::move(edits)), pool_(executor.makePool(1)) {}
 

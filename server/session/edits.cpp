@@ -87,7 +87,7 @@ Edits::News Edits::since(std::uint64_t edit) const {
     return news;
   }
   for (auto area = areas_.end() - static_cast<std::ptrdiff_t>(missed); area != areas_.end(); ++area) {
-    if (news.changed.size() < kMostAreas)
+    if (news.changed.size() < kMaxAreas)
       news.changed.push_back(*area);
     else
       news.changed.back() = around(news.changed.back(), *area);
@@ -128,12 +128,12 @@ std::optional<Edits::Answer> Edits::atOnce(const Applied& asked, bool pays, Done
   for (const auto& w : waiting_)
     if (w->pay && edits::clientOf(w->asked.author) == edits::clientOf(asked.author)) ++own, ownBytes += w->asked.bytes();
   const EditSpace::Limits& limits = space_->limits;
-  if (pays && own >= kMostWaitingOfOne)
-    return early("More than " + std::to_string(kMostWaitingOfOne) + " of your edits wait to be made; send it again in a moment.");
+  if (pays && own >= kMaxWaitingOfOne)
+    return early("More than " + std::to_string(kMaxWaitingOfOne) + " of your edits wait to be made; send it again in a moment.");
   if (pays && ownBytes > limits.waiting / 2)
     return early("More than " + mebibytes(limits.waiting / 2) + " of your edits wait to be made; send it again in a moment.");
-  if (waiting_.size() >= kMostWaiting)
-    return early("More than " + std::to_string(kMostWaiting) + " edits of this session wait to be made; send it again in a moment.");
+  if (waiting_.size() >= kMaxWaiting)
+    return early("More than " + std::to_string(kMaxWaiting) + " edits of this session wait to be made; send it again in a moment.");
   if (waitingBytes_ + asked.bytes() > limits.waiting)
     return early("More than " + mebibytes(limits.waiting) + " of edits of this session wait to be made; send it again in a moment.");
   if (!space_->waiting.take(asked.bytes(), limits.allWaiting))
@@ -248,7 +248,7 @@ std::optional<Edits::Answer> Edits::begin(const Waiting& waiting) {
     if (auto paid = waiting.pay(operation, bytes); !paid) return early(paid.error().message);
   made_.reserve(made_.size() + 1);
   changedPosts_.reserve(made_.size() + 1);
-  const std::uint64_t most = waiting.pay ? edits::kMostUndoPosts : ~std::uint64_t{0};
+  const std::uint64_t most = waiting.pay ? edits::kMaxUndoPosts : ~std::uint64_t{0};
   making_ = std::make_unique<Making>(history_.make(std::move(operation), most), history_.layer(), history_.last(), history_.looked());
   return {};
 }

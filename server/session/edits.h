@@ -1,7 +1,7 @@
 #pragma once
 // What members have done to a session's ground: takes edits in, gives them their numbers, and has the ground that follows from them.
 //
-//   ask() --> waits (kMostWaiting, until it is answered) --> its key is looked up (disk) --> paid for and made, in turns
+//   ask() --> waits (kMaxWaiting, until it is answered) --> its key is looked up (disk) --> paid for and made, in turns
 //         --> kept, with those made before it in one write (disk) --> everybody's ground, done(number), and the cameras are told
 //
 // An edit is acknowledged by its number, and not before it is kept and in ground(). Those that come while a group is under way are the next
@@ -48,9 +48,9 @@ using edit_store::Applied;  // its key: the author's text, a line feed, and the 
 
 class Edits : public std::enable_shared_from_this<Edits> {
  public:
-  static constexpr std::size_t kMostWaiting = 256, kMostWaitingOfOne = kMostWaiting / 2;  // of one client that pays
-  static constexpr std::size_t kRecent = 4096;                                            // edits whose areas are remembered
-  static constexpr std::size_t kMostAreas = 64;
+  static constexpr std::size_t kMaxWaiting = 256, kMaxWaitingOfOne = kMaxWaiting / 2;  // of one client that pays
+  static constexpr std::size_t kRecent = 4096;                                         // edits whose areas are remembered
+  static constexpr std::size_t kMaxAreas = 64;
   static constexpr int kGroupTurns = 25;  // of making, before those that are made are kept
 
   // Where edits are kept: a store, or how to make one for the first edit, which this client made.
@@ -74,7 +74,7 @@ class Edits : public std::enable_shared_from_this<Edits> {
 
   std::uint64_t compacted() const { return compacted_; }
   Ground ground() const;
-  // The ground now, and where it differs from that of `edit`: at most kMostAreas.
+  // The ground now, and where it differs from that of `edit`: at most kMaxAreas.
   struct News {
     Ground ground;
     std::vector<lattice::Area> changed;

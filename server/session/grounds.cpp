@@ -15,7 +15,7 @@ namespace ridgecast::session {
 
 namespace {
 
-constexpr double kMostError = 100;   // metres, of a question
+constexpr double kMaxError = 100;    // metres, of a question
 constexpr double kCoarser = 3;       // times what was reached: tried where that does not fit
 constexpr double kUnknown = 8;       // times the error: the same where nothing was reached
 constexpr std::size_t kAtATime = 4;  // leaves between two looks at the clock: about ten milliseconds
@@ -158,8 +158,8 @@ std::optional<wire::Ground> Grounds::mesh(Work& work, Clock::time_point until) c
 
 // The error does not fit: looks for one that does.
 std::optional<wire::Ground> Grounds::coarser(Work& work, double reached) const {
-  if (work.error >= kMostError) return unfit(work, "");
-  work.error = std::min(kMostError, std::max(kCoarser * reached, (reached > 0 ? 1.5 : kUnknown) * work.error));
+  if (work.error >= kMaxError) return unfit(work, "");
+  work.error = std::min(kMaxError, std::max(kCoarser * reached, (reached > 0 ? 1.5 : kUnknown) * work.error));
   return {};
 }
 

@@ -5,7 +5,7 @@
 // answer, or on a busy server none in time.
 //
 // An actor beside the camera session: ask() may come from any thread and only queues. The work runs in turns, as tasks of the pool
-// that the questions of all cameras share, once there is a place (Questions). Bounds: wire::kMaxGrounds requests that wait or whose answers
+// that the questions of all cameras share, once there is a place (QueryQueues). Bounds: wire::kMaxGrounds requests that wait or whose answers
 // have not left; one of them in work; each is answered within kTimeout.
 
 #include <atomic>

@@ -47,7 +47,7 @@ void PlaceQueue::beginNext() {
   begins_ = false;
 }
 
-Questions::Questions(scheduling::Executor& executor) {
+QueryQueues::QueryQueues(scheduling::Executor& executor) {
   const unsigned places = std::max(1u, executor.threads() - 1);
   const auto pool = executor.makePool(places);
   grounds = std::make_shared<PlaceQueue>(pool, places);

@@ -42,8 +42,8 @@ class PlaceQueue : public std::enable_shared_from_this<PlaceQueue> {
 };
 
 // What cameras ask beside their iterations. All of it shares one pool with one thread fewer than the executor has, at least one.
-struct Questions {
-  explicit Questions(scheduling::Executor& executor);
+struct QueryQueues {
+  explicit QueryQueues(scheduling::Executor& executor);
   // A ground keeps its place until it is answered, for it takes up to some hundred MB; queries take places a turn at a time.
   std::shared_ptr<PlaceQueue> grounds, queries;
 };

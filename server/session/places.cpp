@@ -15,23 +15,23 @@ Outcome<std::uint64_t> Budgets::spendEdit(const edits::Operation& operation, std
     return Error{"Too many or too large edits at once; send it again in " +
                  std::to_string(std::chrono::ceil<std::chrono::milliseconds>(owed).count()) + " ms."};
   editBytes.spend(now, bytes);
-  const auto area = static_cast<std::uint64_t>(std::min(edits::areaOf(operation).count(), edits::kMostPosts));
-  const std::uint64_t posts = std::max(area, kLeastEditedPosts);
+  const auto area = static_cast<std::uint64_t>(std::min(edits::areaOf(operation).count(), edits::kMaxPosts));
+  const std::uint64_t posts = std::max(area, kMinEditedPosts);
   edits.spend(now, posts);
   return posts;
 }
 
-using settings::kLeastBudget;
+using settings::kMinBudget;
 
 Outcome<std::shared_ptr<Places::Place>> Places::enter() {
   auto place = std::make_shared<Place>(shared_from_this());
   const std::lock_guard lock(mutex_);
   if (cameras_ >= maxCameras_) return Error{"This server is full: it has " + std::to_string(maxCameras_) + " cameras; try again later."};
-  if (maxTriangles_ != 0 && triangles_ + kLeastBudget > maxTriangles_)
+  if (maxTriangles_ != 0 && triangles_ + kMinBudget > maxTriangles_)
     return Error{"This server is full: its cameras have all " + std::to_string(maxTriangles_) +
                  " triangles that it has memory for; try again later."};
   ++cameras_;
-  triangles_ += place->triangles_ = kLeastBudget;
+  triangles_ += place->triangles_ = kMinBudget;
   return place;
 }
 
@@ -58,7 +58,7 @@ std::uint32_t Places::Place::grant(std::uint32_t requested) {
   if (all.maxTriangles_ == 0) return requested;
   expects(all.triangles_ <= all.maxTriangles_ && all.cameras_ <= all.maxCameras_, "no more is granted than there is");
   const std::uint64_t left = all.maxTriangles_ - all.triangles_;
-  const std::uint64_t kept = std::min<std::uint64_t>(std::uint64_t{kLeastBudget} * (all.maxCameras_ - all.cameras_), all.maxTriangles_ / 2);
+  const std::uint64_t kept = std::min<std::uint64_t>(std::uint64_t{kMinBudget} * (all.maxCameras_ - all.cameras_), all.maxTriangles_ / 2);
   const std::uint64_t most = triangles_ + (left > kept ? left - kept : 0);
   const auto granted = static_cast<std::uint32_t>(std::min<std::uint64_t>(requested, most));
   if (granted > triangles_) {

@@ -1,7 +1,7 @@
 #pragma once
 // Places for a server's cameras, the triangles set aside for each, and what all cameras of one client share.
 //
-// A camera has at least settings::kLeastBudget. Beyond that it is granted what is left once as much is kept for every camera that may still
+// A camera has at least settings::kMinBudget. Beyond that it is granted what is left once as much is kept for every camera that may still
 // come; at most half of all is kept for those. What a camera was once granted stays set aside until it ends: its mesh keeps its memory.
 
 #include <algorithm>
@@ -22,9 +22,9 @@ namespace ridgecast::session {
 // Heights of the terrain that one client's answers take: a fifth of a thread, or a thousand of the farthest rays.
 inline constexpr std::uint64_t kHeightsPerSecond = 8'000'000;
 
-// Posts that one client's edits look at; each counts as kLeastEditedPosts at least. An edit may follow while those before it owe at most
+// Posts that one client's edits look at; each counts as kMinEditedPosts at least. An edit may follow while those before it owe at most
 // kEditDebt: 100 small ones at once.
-inline constexpr std::uint64_t kEditedPostsPerSecond = 4'000'000, kLeastEditedPosts = 10'000;
+inline constexpr std::uint64_t kEditedPostsPerSecond = 4'000'000, kMinEditedPosts = 10'000;
 inline constexpr std::chrono::milliseconds kEditDebt{250};
 // Bytes of one client's edits, as edit_store::Applied::bytes, and how long those before may owe when another follows: two large stamps.
 inline constexpr std::uint64_t kEditedBytesPerSecond = 256u << 10;

@@ -97,7 +97,7 @@ void Presence::membersChanged() {
   if (membersDue_) return;
   if (std::none_of(entries_.begin(), entries_.end(), [](const auto& e) { return e.second.wantsMembers; })) return;
   membersDue_ = true;
-  timer_.at(std::max(timer_.now(), lastNotified_ + kLeastPause), [weak = weak_from_this()] {
+  timer_.at(std::max(timer_.now(), lastNotified_ + kMinPause), [weak = weak_from_this()] {
     const auto self = weak.lock();
     if (!self) return;
     const std::lock_guard lock(self->mutex_);

@@ -1,7 +1,7 @@
 #pragma once
 // Who is in a session and where, and its clock; notifies the members of both.
 //
-// A member that requested members is sent all changes since its last notification in one message: at most every kLeastPause (20 times a
+// A member that requested members is sent all changes since its last notification in one message: at most every kMinPause (20 times a
 // second), and not while the previous one is still queued, so for a slow member changes merge. Of its budget of bytes, if any, these
 // messages take at most a quarter. A member that follows the clock is sent the current state once its previous message has left. A step
 // that waits for a member always reaches it.
@@ -25,7 +25,7 @@
 #include <vector>
 
 #include "common/wire/messages.h"
-#include "server/conversation/pace.h"
+#include "server/conversation/rate.h"
 #include "server/recording/events.h"
 #include "server/session/clock.h"
 #include "server/session/sender.h"
@@ -35,7 +35,7 @@ namespace ridgecast::session {
 
 class Presence : public std::enable_shared_from_this<Presence> {
  public:
-  static constexpr std::chrono::milliseconds kLeastPause{50};
+  static constexpr std::chrono::milliseconds kMinPause{50};
   static constexpr std::chrono::milliseconds kClockRetry{5};  // retry interval while the last message about the clock has not left
 
   static constexpr std::chrono::seconds kStepTimeout{30};

@@ -24,7 +24,7 @@ Error told(const fs::path& log, Error e) {
 Outcome<std::unique_ptr<edit_store::Store>> beginLog(std::shared_ptr<const edit_log::Lock> lock, const edit_log::World& world,
                                                      std::string_view client) {
   const fs::path file = lock->log();
-  auto log = edit_log::createFor(client, std::move(lock), world, kMostKept);
+  auto log = edit_log::createFor(client, std::move(lock), world, kMaxKept);
   if (!log) return told(file, log.error());
   return std::unique_ptr<edit_store::Store>(std::move(*log));
 }

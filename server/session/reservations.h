@@ -18,7 +18,7 @@
 
 namespace ridgecast::session {
 
-inline constexpr std::size_t kMostKept = 4096;  // logs in Resources::state, of which one client may begin half
+inline constexpr std::size_t kMaxKept = 4096;  // logs in Resources::state, of which one client may begin half
 
 class Reservation {
  public:

@@ -25,7 +25,7 @@ std::uint64_t anyNumber() {
   return std::uint64_t{device()} << 32 | device();
 }
 
-constexpr std::size_t kMostPast = 16u << 20;  // bytes of edits with which a recording begins
+constexpr std::size_t kMaxPast = 16u << 20;  // bytes of edits with which a recording begins
 
 // Null: nobody records, or the ground cannot be told.
 std::shared_ptr<recording::Observer> beginRecording(const Resources& resources, const std::string& name, const WorldSpec& spec,
@@ -44,7 +44,7 @@ std::shared_ptr<recording::Observer> beginRecording(const Resources& resources, 
       past.push_back({e.number, std::move(e.author), std::move(e.operation)});
       bytes += past.back().operation.size();
     }
-    if (bytes > kMostPast) return refuse("its ground has more than " + std::to_string(kMostPast >> 20) + " MiB of edits");
+    if (bytes > kMaxPast) return refuse("its ground has more than " + std::to_string(kMaxPast >> 20) + " MiB of edits");
   }
   recording::World world{
       name, spec.terrain, spec.seed, spec.parameters, contentHash, static_cast<bool>(terrain.colours()), resources.serverName};

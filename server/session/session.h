@@ -25,7 +25,7 @@
 
 #include "common/outcome/outcome.h"
 #include "common/terrain/terrain.h"
-#include "server/metrics/figures.h"
+#include "server/metrics/metrics.h"
 #include "server/pipeline/pipeline.h"
 #include "server/recording/events.h"
 #include "server/replica/replica.h"
@@ -77,8 +77,8 @@ using MakeTerrain = std::function<Outcome<std::shared_ptr<const terrain::Terrain
 
 inline constexpr std::string_view kDefaultName = "default";
 inline constexpr std::chrono::milliseconds kUnenteredIdle{5'000};  // of a client's session that nobody has used; at most sessionIdle
-inline constexpr std::uint64_t kLeastBytesPerSecond = 4096;
-inline constexpr std::uint32_t kMostMembers = 32'768;  // of a session: they fit into one wire::Members
+inline constexpr std::uint64_t kMinBytesPerSecond = 4096;
+inline constexpr std::uint32_t kMaxMembers = 32'768;  // of a session: they fit into one wire::Members
 
 // Begins a session's recording. `past`: the edits that have made its ground.
 using Record = std::function<std::shared_ptr<recording::Observer>(recording::World, std::vector<recording::Edited> past, Timer::Time now)>;
@@ -98,9 +98,9 @@ struct Resources {
   std::string serverName;
   Limits limits;
   std::shared_ptr<EditSpace> editSpace = std::make_shared<EditSpace>();
-  std::shared_ptr<metrics::Figures> figures = std::make_shared<metrics::Figures>();
+  std::shared_ptr<metrics::Metrics> figures = std::make_shared<metrics::Metrics>();
   std::unique_ptr<const Timer> timer = std::make_unique<SteadyTimer>();
-  const Questions& questions() const {
+  const QueryQueues& questions() const {
     std::call_once(questionsMade_, [this] { questions_.emplace(*executor); });
     return *questions_;
   }
@@ -108,7 +108,7 @@ struct Resources {
 
  private:
   mutable std::once_flag questionsMade_;  // by the first camera that asks
-  mutable std::optional<Questions> questions_;
+  mutable std::optional<QueryQueues> questions_;
 };
 
 // Something of which there are only so many; released with its last copy.

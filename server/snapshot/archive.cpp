@@ -61,8 +61,8 @@ Result<std::uint64_t> makeArchive(const session::Session& session, const OfMapTi
   std::uint64_t count = 0;
   for (int level = 0; level <= finest; ++level) {
     count += map::tilesOf(*bounds, level).count();
-    if (count > kMostTiles)
-      return Problem{Problem::Kind::kTooMuch, "Levels 0 to " + std::to_string(finest) + " are more than " + std::to_string(kMostTiles) +
+    if (count > kMaxTiles)
+      return Problem{Problem::Kind::kTooMuch, "Levels 0 to " + std::to_string(finest) + " are more than " + std::to_string(kMaxTiles) +
                                                   " tiles, the limit; zoom=" + std::to_string(level - 1) + " fits."};
   }
   const auto tiles = numbered(*bounds, finest);

@@ -3,7 +3,7 @@
 // the tiles that meet the part's longitudes and latitudes and do not lie beside the height map. They are the server's own (README, Map
 // tiles), byte for byte.
 //
-// Bounds: kMostTiles; eight tiles a thread are in memory, and 48 bytes for each of all.
+// Bounds: kMaxTiles; eight tiles a thread are in memory, and 48 bytes for each of all.
 
 #include <cstdint>
 #include <filesystem>

@@ -7,7 +7,7 @@
 namespace ridgecast::snapshot {
 namespace {
 
-constexpr std::size_t kMostParameters = 32;
+constexpr std::size_t kMaxParameters = 32;
 
 std::string text(double v) { return text::rounded(v, 12); }
 
@@ -29,8 +29,8 @@ Outcome<void> Parameters::read(std::string_view query) {
     if (part.empty()) continue;
     const auto name = text::percentDecoded(text::takePart(part, '=')), value = text::percentDecoded(part);
     if (!name || !value) return Error{"The query has a % without two hexadecimal digits after it."};
-    if (values_.size() >= kMostParameters)
-      return Error{"The query has more than " + std::to_string(kMostParameters) + " parameters, the limit."};
+    if (values_.size() >= kMaxParameters)
+      return Error{"The query has more than " + std::to_string(kMaxParameters) + " parameters, the limit."};
     if (!values_.emplace(*name, *value).second) return Error{"The query has " + inQuotes(*name) + " twice; give it once."};
   }
   return {};

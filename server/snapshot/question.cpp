@@ -14,7 +14,7 @@
 namespace ridgecast::snapshot {
 namespace {
 
-constexpr double kMostMetres = 4e12;
+constexpr double kMaxMetres = 4e12;
 constexpr std::array<std::string_view, 3> kOrigins{"cell", "centre", "world"};
 constexpr double kRadians = std::numbers::pi / 180;
 
@@ -23,7 +23,7 @@ lattice::Step steps(double metres) { return static_cast<lattice::Step>(std::floo
 
 OfPose poseOf(Parameters& p, const Limits& limits) {
   OfPose out;
-  const auto place = [&](const char* name, lattice::Step& whole) { whole = steps(p.number(name, -kMostMetres, kMostMetres, " m")); };
+  const auto place = [&](const char* name, lattice::Step& whole) { whole = steps(p.number(name, -kMaxMetres, kMaxMetres, " m")); };
   place("x", out.camera.pose.x);
   place("z", out.camera.pose.z);
   out.aboveGround = !p.has("y");
@@ -35,7 +35,7 @@ OfPose poseOf(Parameters& p, const Limits& limits) {
   out.camera.projection.width = static_cast<std::uint32_t>(p.whole("width", 16, 16'384, " pixels", 1280));
   out.camera.projection.height = static_cast<std::uint32_t>(p.whole("height", 16, 16'384, " pixels", 720));
   out.threshold = p.number("threshold", limits.leastThreshold, limits.mostThreshold, " pixels", 0.6);
-  if (p.has("colour_error")) out.colourError = p.number("colour_error", settings::kLeastColourError, settings::kMostColourError, "");
+  if (p.has("colour_error")) out.colourError = p.number("colour_error", settings::kMinColourError, settings::kMaxColourError, "");
   return out;
 }
 
@@ -45,7 +45,7 @@ std::optional<Corners> cornersOf(std::string_view text) {
   Corners out;
   for (double& v : out) {
     const auto number = text::number<double>(text::takePart(text, ','));
-    if (!number || !(std::abs(*number) <= kMostMetres)) return std::nullopt;
+    if (!number || !(std::abs(*number) <= kMaxMetres)) return std::nullopt;
     v = *number;
   }
   return text.empty() ? std::optional(out) : std::nullopt;
@@ -63,7 +63,7 @@ Outcome<Corners> around(Corners theirs, earth::Coordinates& coordinates, bool is
     const double t = k / static_cast<double>(kParts), x = west + t * width, y = south + t * (north - south);
     for (const auto& [first, second] : {std::pair(x, south), {x, north}, {west, y}, {west + width, y}}) {
       const auto world = coordinates.world(first, second);
-      if (!world || !(std::abs((*world)[0]) <= kMostMetres && std::abs((*world)[1]) <= kMostMetres))
+      if (!world || !(std::abs((*world)[0]) <= kMaxMetres && std::abs((*world)[1]) <= kMaxMetres))
         return Error{"The CRS of the map does not reach all of the box's sides; make it smaller."};
       out = {std::min(out[0], (*world)[0]), std::min(out[1], (*world)[1]), std::max(out[2], (*world)[0]), std::max(out[3], (*world)[1])};
     }
@@ -97,7 +97,7 @@ Corners cornersOf(Parameters& p, const Limits& limits, const terrain::Raster* ma
     if (!named) p.refuse(named.error().message);
     corner = named ? *named : corner;
   } else {
-    for (std::size_t k = 0; k < 4; ++k) corner[k] = p.number(names[k], -kMostMetres, kMostMetres, " m");
+    for (std::size_t k = 0; k < 4; ++k) corner[k] = p.number(names[k], -kMaxMetres, kMaxMetres, " m");
   }
   for (std::size_t k = 0; k < 2; ++k) {
     const double side = corner[k + 2] - corner[k];

@@ -77,7 +77,7 @@ struct Made {
 
 // Small leaves as one, square by square of the quadtree: a node takes 600 bytes whatever is in it.
 std::vector<mesh::LeafMesh> joined(std::vector<mesh::LeafMesh> leaves) {
-  constexpr std::size_t kMostTriangles = 4096;
+  constexpr std::size_t kMaxTriangles = 4096;
   constexpr int kCoarsest = 22 - lattice::kFinestSideBits;  // 16 km a side: coordinates are exact in a float
   std::map<lattice::LeafAddress, mesh::LeafMesh> all;
   for (mesh::LeafMesh& leaf : leaves) all.emplace(leaf.address, std::move(leaf));
@@ -89,7 +89,7 @@ std::vector<mesh::LeafMesh> joined(std::vector<mesh::LeafMesh> leaves) {
     for (const auto& [parent, children] : families) {
       std::size_t triangles = 0;
       for (const mesh::LeafMesh* child : children) triangles += child->triangles.size();
-      if (triangles > kMostTriangles) parted.insert(parent);
+      if (triangles > kMaxTriangles) parted.insert(parent);
       if (parted.contains(parent)) continue;
       all.emplace(parent, mesh::gather(parent, children));
       for (int quarter = 0; quarter < 4; ++quarter) all.erase(parent.child(quarter));
@@ -154,7 +154,7 @@ Result<Made> ofPose(const session::Ground& ground, const OfPose& of, const Limit
   requested.threshold = of.threshold;
   requested.colourError = of.colourError;
   pipeline::Pipeline pipeline(ground.terrain, pipeline::grant(requested, budget), pool);
-  settings::Figures figures;
+  settings::IterationStats figures;
   do {
     if (watch.over()) return watch.problem();
     figures = pipeline.iterate(camera);

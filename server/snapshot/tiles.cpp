@@ -22,8 +22,8 @@ namespace {
 using lattice::LeafAddress;
 using lattice::Step;
 
-constexpr Step kLeastPosts = 64;   // along a side of the finest tiles
-constexpr double kMostDrop = 0.4;  // of their error
+constexpr Step kMinPosts = 64;    // along a side of the finest tiles
+constexpr double kMaxDrop = 0.4;  // of their error
 
 // The squares of a level that a box meets.
 struct Squares {
@@ -43,10 +43,10 @@ struct Squares {
 struct Levels {
   int finest = 0, coarsest = 0;
   Levels(const box::Box& box, const terrain::Raster* map, bool isOnGlobe) {
-    const Step posts = map ? static_cast<Step>(std::ceil(kLeastPosts * map->shape().finest())) : 0;
+    const Step posts = map ? static_cast<Step>(std::ceil(kMinPosts * map->shape().finest())) : 0;
     while (finest < tileset::kCoarsest && tileset::errorOf(finest) < box.error) ++finest;
     while (finest < tileset::kCoarsest && LeafAddress{finest, 0, 0}.side() < posts &&
-           !(isOnGlobe && tileset::dropOf(finest + 1) > kMostDrop * box.error))
+           !(isOnGlobe && tileset::dropOf(finest + 1) > kMaxDrop * box.error))
       ++finest;
     coarsest = finest;
     while (coarsest < tileset::kCoarsest && Squares(box, coarsest).count() > 4) ++coarsest;
@@ -61,12 +61,12 @@ struct Levels {
 Problem tooMany(const box::Box& box, const terrain::Raster* map, bool isOnGlobe, std::uint64_t tiles) {
   box::Box coarser = box;
   std::uint64_t fewer = tiles;
-  while (fewer > kMostTiles) {
+  while (fewer > kMaxTiles) {
     coarser.error *= 2;
     fewer = Levels(coarser, map, isOnGlobe).tiles(coarser);
   }
   return {Problem::Kind::kTooMuch, "This box at an error of " + text::rounded(box.error, 6) + " m takes " + std::to_string(tiles) +
-                                       " tiles, more than " + std::to_string(kMostTiles) + ", the limit; at an error of " +
+                                       " tiles, more than " + std::to_string(kMaxTiles) + ", the limit; at an error of " +
                                        text::rounded(coarser.error, 6) + " m it takes " + std::to_string(fewer) + "."};
 }
 
@@ -89,7 +89,7 @@ class Making {
 
   Result<std::uint32_t> run(unsigned threads, const std::stop_token& stop, TilesProgress* progress) {
     const std::uint64_t all = levels_.tiles(box_);
-    if (all > kMostTiles) return tooMany(box_, ground_.terrain->raster(), placement_.has_value(), all);
+    if (all > kMaxTiles) return tooMany(box_, ground_.terrain->raster(), placement_.has_value(), all);
     std::vector<LeafAddress> squares;
     for (int level = levels_.coarsest; level >= levels_.finest; --level)
       Squares(box_, level).forEach([&](LeafAddress square) { squares.push_back(square); });

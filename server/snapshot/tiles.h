@@ -10,7 +10,7 @@
 // The root's axes begin in the middle of the box, at height 0. Its transform lays them on the Earth: by `at`, or by the map's CRS where
 // earth::onEarth knows it. asset.extras: of ("tiles"), box, error, origin, georeference as in snapshot.h, and the number of tiles.
 //
-// Bounds: kMostTiles, of which a hundred bytes each are held; `threads` tiles are in work.
+// Bounds: kMaxTiles, of which a hundred bytes each are held; `threads` tiles are in work.
 
 #include <atomic>
 #include <cstdint>
@@ -25,7 +25,7 @@
 
 namespace ridgecast::snapshot {
 
-inline constexpr std::uint64_t kMostTiles = 250'000;
+inline constexpr std::uint64_t kMaxTiles = 250'000;
 
 struct TilesProgress {
   std::atomic<std::uint32_t> done{0}, tiles{0};

@@ -21,7 +21,7 @@ namespace {
 // they are 256 along a side: half the time of twice as many, for alpine and canyon. Tiles that need more triangles are meshed again.
 constexpr std::uint32_t kUsualTriangles = 4095;
 // A formula that needs more has a step; a height map has none, but may be rough.
-constexpr std::uint32_t kMostOfFormula = 4 * kUsualTriangles, kMost = 64 * kUsualTriangles;
+constexpr std::uint32_t kMaxOfFormula = 4 * kUsualTriangles, kMax = 64 * kUsualTriangles;
 constexpr double kRampShare = 0.1;  // of the error: for what ramps miss where there is no step
 
 // The vertices of the sides, counter-clockwise seen from above.
@@ -159,12 +159,12 @@ lattice::Point frameOf(LeafAddress square) {
 
 box::Result<Tile> meshTile(const terrain::Terrain& terrain, const Wanted& wanted, std::uint32_t mostTriangles, scheduling::Pool& pool,
                            const box::Watch& watch) {
-  auto made = meshed(terrain, wanted, std::min(terrain.raster() ? kMost : kMostOfFormula, mostTriangles), pool, watch);
+  auto made = meshed(terrain, wanted, std::min(terrain.raster() ? kMax : kMaxOfFormula, mostTriangles), pool, watch);
   if (!made && made.error().kind == box::Problem::Kind::kTooMuch) {
     Ramps ramps(terrain, wanted.square);
     Wanted beside = wanted;
     beside.box.error *= 1 - kRampShare;
-    do made = meshed(ramps, beside, std::min(kMost, mostTriangles), pool, watch);
+    do made = meshed(ramps, beside, std::min(kMax, mostTriangles), pool, watch);
     while (!made && made.error().kind == box::Problem::Kind::kTooMuch && ramps.widen());
     if (made) {
       made->ramp = ramps.width();

@@ -30,8 +30,8 @@
 
 namespace ridgecast::tileset {
 
-inline constexpr int kLevels = 3;                                                          // of tiles in a tileset
-inline constexpr double kUsualReach = 200'000, kLeastReach = 100, kMostReach = 1'000'000;  // metres
+inline constexpr int kLevels = 3;                                                       // of tiles in a tileset
+inline constexpr double kUsualReach = 200'000, kMinReach = 100, kMaxReach = 1'000'000;  // metres
 
 struct Question {
   lattice::Point middle;       // lies at the place, with height 0 at the place's height

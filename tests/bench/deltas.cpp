@@ -86,7 +86,7 @@ Flown fly(const std::string& file, double most) {
     camera::Camera camera;
     camera.pose = camera::poseAt(*path, t, [&](lattice::Point p) { return terrain->height(p); });
     camera.projection.verticalFov = path->verticalFov;
-    const settings::Figures figures = pipeline.iterate(camera);
+    const settings::IterationStats figures = pipeline.iterate(camera);
     f.changes += figures.inserted + figures.removed;
     const auto add = [](Stream::Cost& sum, const Stream::Cost& cost) {
       sum = {sum.bytes + cost.bytes, sum.server + cost.server, sum.client + cost.client, sum.made + cost.made};

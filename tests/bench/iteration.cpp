@@ -16,7 +16,7 @@
 namespace ridgecast::bench {
 namespace {
 
-void add(settings::Figures& sum, const settings::Figures& figures) {
+void add(settings::IterationStats& sum, const settings::IterationStats& figures) {
   sum.inserted += figures.inserted;
   sum.removed += figures.removed;
   sum.heights += figures.heights;
@@ -36,10 +36,10 @@ struct Rig {
   }
   // Ten iterations from time `t` of the flight on, `perIteration` seconds apart. Runs as the server does, as a task of the camera's pool,
   // so that two threads are two.
-  settings::Figures fly(double t, double perIteration) {
-    std::promise<settings::Figures> done;
+  settings::IterationStats fly(double t, double perIteration) {
+    std::promise<settings::IterationStats> done;
     pool->post([&] {
-      settings::Figures sum{};
+      settings::IterationStats sum{};
       for (int m = 1; m <= 10; ++m) add(sum, pipeline->iterate(testing_support::straight(*terrain, t + m * perIteration)));
       done.set_value(sum);
     });
@@ -79,7 +79,7 @@ Report iteration(const Options& options) {
   const std::uint64_t made = rig.settle(0);
   const double making = cpuSeconds() - before;
   const int iterations = options.quick ? 100 : 600;
-  settings::Figures sum{}, last{};
+  settings::IterationStats sum{}, last{};
   const double start = cpuSeconds();
   for (int n = 1; n <= iterations; ++n) {
     last = rig.pipeline->iterate(testing_support::straight(*rig.terrain, n * 0.1));
@@ -117,7 +117,7 @@ Report threads(const Options& options) {
   one.settle(0);
   two.settle(0);
   double seconds[2] = {0, 0};
-  settings::Figures stages[2]{};
+  settings::IterationStats stages[2]{};
   bool equal = true;
   // In turn, ten iterations each, so that what else the machine does falls on both.
   for (int n = 0; n < iterations; n += 10)

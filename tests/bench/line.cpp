@@ -104,7 +104,7 @@ void Line::take(std::span<const std::uint8_t> payload) {
   if (coarseMs == 0) coarseMs = opened_.seconds() * 1e3;
   ++iterations;
   bytes += payload.size();
-  const settings::Figures& f = it->figures;
+  const settings::IterationStats& f = it->figures;
   encodeMs += f.encodeMs;
   totalMs += f.selectMs + f.generateMs + f.refineMs + f.triangulateMs + f.encodeMs;
   thresholds.push_back(f.effectiveThreshold);

@@ -131,7 +131,7 @@ Measured measure(const std::shared_ptr<const terrain::Terrain>& terrain, camera:
   asked.threshold = wanted.threshold;
   asked.triangleBudget = 2'000'000;
   pipeline::Pipeline pipeline(terrain, pipeline::grant(asked, {}), executor.makePool(1));
-  settings::Figures figures;
+  settings::IterationStats figures;
   for (int n = 0; n < 300 && !pipeline.settled(); ++n) figures = pipeline.iterate(camera);
   if (wanted.speed > 0) {
     const double altitude = camera.pose.y - terrain->height({camera.pose.x, camera.pose.z});

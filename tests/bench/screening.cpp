@@ -71,7 +71,7 @@ Report screening(const Options& options) {
   asked.threshold = options.quick ? 1.0 : 0.4;
   asked.triangleBudget = 2'000'000;
   pipeline::Pipeline idle(terrain, pipeline::grant(asked, {}), pool);
-  settings::Figures last{};
+  settings::IterationStats last{};
   for (int n = 0; n < 300 && !idle.settled(); ++n) last = idle.iterate(camera);
   const double start = cpuSeconds();
   for (int n = 0; n < 50; ++n) last = idle.iterate(camera);

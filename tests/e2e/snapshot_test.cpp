@@ -373,7 +373,7 @@ TEST_F(Snapshot, OtherCamerasHardlyNotice) {
       }
       for (int there = 0; there < 2; ++there)
         for (int k = 0; k < 10; ++k) {
-          const wire::Figures f = camera.flier->step(camera.path->at((there ? 10 - k : k) * 0.1)).figures;
+          const wire::IterationStats f = camera.flier->step(camera.path->at((there ? 10 - k : k) * 0.1)).figures;
           taken[busy] += f.selectMs + f.generateMs + f.refineMs + f.triangulateMs + f.encodeMs;
         }
       asker.reset();

@@ -266,8 +266,8 @@ class Talk {
     }
     require(work.granted.has_value() == isChanged && (!isChanged || *work.granted == granted_));
     require(conversation_.granted() == granted_);
-    if (!isLockstep_) require(work.insertions && *work.insertions >= conversation::Tempo::kLeast);
-    if (isForGround_) require(*work.insertions <= conversation::kMostForGround);
+    if (!isLockstep_) require(work.insertions && *work.insertions >= conversation::InsertionRate::kMin);
+    if (isForGround_) require(*work.insertions <= conversation::kMaxForGround);
     iterating_ = true;
   }
 
@@ -286,7 +286,7 @@ class Talk {
     if (!changes) {
       // Whoever resumes may wait for the detail that it had.
       const bool mayWait = hasResumed_ && sent_ == 0 && !isLockstep_ && rate() == 0 && !settles && !wasEmpty;
-      if (mayWait && ++waited_ <= conversation::kMostUnsent) return;
+      if (mayWait && ++waited_ <= conversation::kMaxUnsent) return;
       return require(!owes_ && !comesToRest && !differs);
     }
     require(owes_ || comesToRest || differs || isLockstep_);

@@ -39,7 +39,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   std::istringstream in(std::string(reinterpret_cast<const char*>(data + 1), size - 1));
   Blocks blocks(in);
   while (const auto block = blocks.next()) {
-    if (block->size() > kMostBlockBytes) std::abort();
+    if (block->size() > kMaxBlockBytes) std::abort();
     takeBlock(*block, decoder, encoder, again);
   }
   return 0;

@@ -66,7 +66,7 @@ TEST_F(EditsInAnInstantTest, OneAfterTheOtherByHttpAreAsManyAsAtOnce) {
   const auto posts = static_cast<std::uint64_t>(edits::areaOf(edits::fromJson(edit).value()).count());
   // A quarter of a second that was saved up, and one that is owed.
   const std::uint64_t most = session::kEditedPostsPerSecond / 2 / posts + 1;
-  ASSERT_GT(posts, session::kLeastEditedPosts);
+  ASSERT_GT(posts, session::kMinEditedPosts);
   for (std::uint64_t k = 0; k < most; ++k) has(ask("POST", "edits", edit), " 201 ");
   for (int k = 0; k < 3; ++k) has(ask("POST", "edits", edit), " 429 ");
   EXPECT_EQ(directory->find(session::kDefaultName)->ground().edit, most);

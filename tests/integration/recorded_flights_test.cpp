@@ -126,14 +126,14 @@ std::map<std::string, Flight> recorded() {
 
 TEST(RecordedFlights, EveryIterationIsTheOneThatWasRecorded) {
   logging::setUp(logging::Format::kText, logging::Level::kWarning);
-  constexpr int kMost = testing_support::kSanitized ? 22 : 60;  // the beginning shows what another compiler makes otherwise
+  constexpr int kMax = testing_support::kSanitized ? 22 : 60;  // the beginning shows what another compiler makes otherwise
   const std::map<std::string, Flight> flown = {
-      {"alpine", fly("alpine.json", 0.1, kMost)},
-      {"canyon", fly("canyon.json", 0.1, kMost)},
-      {"archipelago", fly("archipelago.json", 0.1, kMost)},
-      {"far", fly("alpine-1e12.json", 0.1, kMost)},
-      {"return", fly("alpine-return.json", 1, std::min(40, kMost))},
-      {"settings", fly("alpine.json", 0.1, kMost, changeSettings)},
+      {"alpine", fly("alpine.json", 0.1, kMax)},
+      {"canyon", fly("canyon.json", 0.1, kMax)},
+      {"archipelago", fly("archipelago.json", 0.1, kMax)},
+      {"far", fly("alpine-1e12.json", 0.1, kMax)},
+      {"return", fly("alpine-return.json", 1, std::min(40, kMax))},
+      {"settings", fly("alpine.json", 0.1, kMax, changeSettings)},
   };
   if (std::getenv("RIDGECAST_RECORD_FLIGHTS")) {
     std::ofstream out(kRecording);
@@ -145,7 +145,7 @@ TEST(RecordedFlights, EveryIterationIsTheOneThatWasRecorded) {
   for (const auto& [name, flight] : flown) {
     ASSERT_TRUE(expected.contains(name)) << kRecording << " has no flight " << name;
     const Flight& then = expected.at(name);
-    ASSERT_EQ(flight.size(), std::min<std::size_t>(then.size(), kMost)) << name;
+    ASSERT_EQ(flight.size(), std::min<std::size_t>(then.size(), kMax)) << name;
     for (std::size_t n = 0; n < flight.size(); ++n) {
       ASSERT_EQ(flight[n].hash, then[n].hash) << name << ", iteration " << n << ": another mesh";
       ASSERT_EQ(flight[n].digest, then[n].digest) << name << ", iteration " << n << ": the same mesh, told otherwise";

@@ -47,7 +47,7 @@ void Liar::lie() {
   hello.members = hello.clock = true;
   hello.pacing = random_() % 2 == 0 ? wire::Pacing::kLockstep : wire::Pacing::kFree;
   hello.settings.threshold = 20;
-  hello.settings.triangleBudget = settings::kLeastBudget;
+  hello.settings.triangleBudget = settings::kMinBudget;
   if (random_() % 8 != 0)
     line_->say(hello);
   else
@@ -126,7 +126,7 @@ wire::ClientMessage Liar::message() {
     case 8:
       return wire::PassOver{number};
     case 9:
-      return wire::ChangeSettings{{.threshold = 1.0 + static_cast<double>(number), .triangleBudget = settings::kLeastBudget}};
+      return wire::ChangeSettings{{.threshold = 1.0 + static_cast<double>(number), .triangleBudget = settings::kMinBudget}};
     case 10: {
       wire::Query query;
       query.id = number;

@@ -108,7 +108,7 @@ MUTANTS = [
     ("common/edits/history.cpp", "edit != 0 && entries_.undos(k) == 0) ++entries_", "edit != 0) ++entries_"),
     ("common/edits/undo.cpp", "      if (const Posts fresh = addTo(undo.changed, area);", "      if (const Posts fresh;"),
     ("common/edits/undo.cpp", "addTo(undo.needed, area.wider(marginOf(smooth)));", "addTo(undo.needed, area);"),
-    ("common/edits/undo.cpp", "        cost += addSmooths(fresh.wider(kMostPasses), edit, last_ + 1, undo, open);\n", "        ++cost;\n",
+    ("common/edits/undo.cpp", "        cost += addSmooths(fresh.wider(kMaxPasses), edit, last_ + 1, undo, open);\n", "        ++cost;\n",
      "test edits_test"),
     ("common/edits/undo.cpp", "        cost += addSmooths(fresh, undo.from, edit, undo, open);\n", "        ++cost;\n", "test edits_test"),
     # Beneath many others.
@@ -137,7 +137,7 @@ MUTANTS = [
     ("server/http/map_tiles.cpp", "etagOf(session->hashOf(ground),", "etagOf(session->contentHash(),"),
     ("server/http/map_tiles.cpp", "std::to_string(ground.edit)", "std::to_string(ground.edit / 2)"),
     # Bounds.
-    ("server/session/edits.cpp", "waiting_.size() >= kMostWaiting)", "waiting_.size() > kMostWaiting)"),
+    ("server/session/edits.cpp", "waiting_.size() >= kMaxWaiting)", "waiting_.size() > kMaxWaiting)"),
     ("server/session/camera_session.cpp", "*openEdits_ >= wire::kMaxEdits + kArrived", "*openEdits_ > wire::kMaxEdits + kArrived"),
     # The cache on the disk.
     # Tiles older than the last edit are left by damage alone, which edit_log_test makes; a server of this version writes both together.

@@ -30,7 +30,7 @@ class Poster {
   struct Request {
     Truth::Asked asked;
     std::uint64_t sent = 0;
-    std::shared_ptr<const http::Later> work{};  // while it waits
+    std::shared_ptr<const http::DeferredResponse> work{};  // while it waits
     Time since{};
   };
   void send(const std::shared_ptr<Request>& request);

@@ -53,7 +53,7 @@ void World::admit(std::uint64_t number, lattice::Point site) {
   Member::Nature nature;
   nature.hello.clientName = number % 2 == 0 ? "member" : "";  // who a member is, the server knows
   nature.hello.settings.threshold = 10 + static_cast<double>(random_() % 40);
-  nature.hello.settings.triangleBudget = settings::kLeastBudget;
+  nature.hello.settings.triangleBudget = settings::kMinBudget;
   if (random_() % 4 == 0) nature.hello.settings.bytesPerSecond = 50'000 + random_() % 100'000;
   nature.hello.pacing = random_() % 3 == 0 ? wire::Pacing::kLockstep : wire::Pacing::kFree;
   nature.hello.points = random_() % 4 != 0;

@@ -15,7 +15,7 @@
 
 namespace ridgecast::testing_support {
 
-inline constexpr std::size_t kLeastAnswers = 20;
+inline constexpr std::size_t kMinAnswers = 20;
 
 inline double percentile(std::vector<double> values, double share) {
   if (values.empty()) return 1e9;
@@ -59,7 +59,7 @@ inline std::string quickTurn(Traveller& client, const PathCamera& path) {
   fly(3, 0);
   fly(2, std::numbers::pi);
   fly(2, 0);
-  for (const auto end = Clock::now() + kTimeout; wrong.empty() && client.latencies().size() <= kLeastAnswers && Clock::now() < end;)
+  for (const auto end = Clock::now() + kTimeout; wrong.empty() && client.latencies().size() <= kMinAnswers && Clock::now() < end;)
     fly(1, 0);
   return wrong;
 }
@@ -72,7 +72,7 @@ inline void expectQuickTurn(Traveller& client, const PathCamera& path, double mo
   const double p50 = percentile(client.latencies(), 0.5), p99 = percentile(client.latencies(), 0.99);
   testing::Test::RecordProperty("p50_ms", static_cast<int>(p50));
   testing::Test::RecordProperty("p99_ms", static_cast<int>(p99));
-  EXPECT_GT(client.latencies().size(), kLeastAnswers);
+  EXPECT_GT(client.latencies().size(), kMinAnswers);
   EXPECT_GE(p50, 100) << "the line is not as long as it should be";
   if (!measures()) return;
   EXPECT_LT(p50, mostP50);

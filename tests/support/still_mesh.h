@@ -10,7 +10,7 @@ namespace ridgecast::testing_support {
 
 class StillMesh final : public session::IteratingMesh {
  public:
-  wire::Figures iterate(const camera::Camera&) override { return {}; }
+  wire::IterationStats iterate(const camera::Camera&) override { return {}; }
   void setInsertionLimit(std::uint32_t) override {}
   void change(const wire::Settings&) override {}
   void setGround(std::shared_ptr<const terrain::Terrain>, std::span<const lattice::Area>) override {}

@@ -20,7 +20,7 @@ std::int64_t distance(TileAddress a, TileAddress b) { return std::max(std::abs(a
 HeightWindow::HeightWindow(std::string name, std::string source, std::uint32_t seed, const terrain::RasterShape& shape, double reach)
     : name_(std::move(name)), source_(std::move(source)), seed_(seed), shape_(shape) {
   const double tile = shape.finest() * lattice::kMetresPerStep * kTileSide;
-  tilesFromCentre_ = static_cast<std::int64_t>(std::clamp(std::ceil(reach / tile), 1.0, static_cast<double>(kMostTilesFromCentre)));
+  tilesFromCentre_ = static_cast<std::int64_t>(std::clamp(std::ceil(reach / tile), 1.0, static_cast<double>(kMaxTilesFromCentre)));
   centre_ = tileOf(at_);
 }
 
@@ -44,7 +44,7 @@ std::vector<TileAddress> HeightWindow::take() {
         const TileAddress a{centre_.i + i, centre_.j + j};
         if (std::max(std::abs(i), std::abs(j)) != ring || !terrain::tileIsValid(shape_, a) || tiles_.contains(a) || pending_.contains(a))
           continue;
-        if (pending_.size() >= kMost) return out;
+        if (pending_.size() >= kMax) return out;
         pending_.insert(a);
         out.push_back(a);
       }
@@ -91,9 +91,9 @@ std::optional<std::array<std::int32_t, 16>> HeightWindow::around(std::int64_t i,
 
 void HeightWindow::heights(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out) const {
   thread_local terrain::CubicPlaces places;
-  for (std::size_t begin = 0; begin < out.size(); begin += terrain::CubicPlaces::kMost) {
-    const std::size_t count = std::min<std::size_t>(out.size() - begin, terrain::CubicPlaces::kMost);
-    std::bitset<terrain::CubicPlaces::kMost> unknown;
+  for (std::size_t begin = 0; begin < out.size(); begin += terrain::CubicPlaces::kMax) {
+    const std::size_t count = std::min<std::size_t>(out.size() - begin, terrain::CubicPlaces::kMax);
+    std::bitset<terrain::CubicPlaces::kMax> unknown;
     for (std::size_t k = 0; k < count; ++k) {
       const terrain::Between bx = shape_.x.at(x[begin + k]), bz = shape_.z.at(z[begin + k]);
       const auto samples = around(bx.sample, bz.sample);

@@ -2,7 +2,7 @@
 // The part of a height map that a client holds: square tiles around the camera, requested nearest first and kept a while after the camera
 // has moved on. Not thread-safe; one owner. No OpenGL, no sockets.
 //
-// Bounds: kMaxTilesHeld tiles (32 MiB, and as much for the picture on a draped map), whatever a server sends; at most kMost pending
+// Bounds: kMaxTilesHeld tiles (32 MiB, and as much for the picture on a draped map), whatever a server sends; at most kMax pending
 // requests.
 
 #include <cstdint>
@@ -21,9 +21,9 @@ namespace ridgecast::core {
 
 class HeightWindow final : public terrain::Terrain, public terrain::Raster {
  public:
-  static constexpr std::int64_t kMostTilesFromCentre = 7;  // the window is at most 15 tiles wide
+  static constexpr std::int64_t kMaxTilesFromCentre = 7;  // the window is at most 15 tiles wide
   static constexpr std::size_t kMaxTilesHeld = 512;
-  static constexpr std::size_t kMost = 64;
+  static constexpr std::size_t kMax = 64;
 
   // `reach`: metres to hold around the camera; less if the window is full before.
   HeightWindow(std::string name, std::string source, std::uint32_t seed, const terrain::RasterShape& shape, double reach);

@@ -11,8 +11,8 @@ using edits::SquareAddress;
 
 namespace {
 
-constexpr double kSlack = 1500;            // metres that the camera may move before squares are looked for again
-constexpr std::int64_t kMostNamed = 1024;  // squares of a changed area; more are looked for
+constexpr double kSlack = 1500;           // metres that the camera may move before squares are looked for again
+constexpr std::int64_t kMaxNamed = 1024;  // squares of a changed area; more are looked for
 
 constexpr lattice::Step kSquare = lattice::Step{1} << edits::kSquareStepBits, kHalf = kSquare / 2;
 
@@ -58,7 +58,7 @@ HeldEdits::Questions HeldEdits::take() {
   }
   sort();
   for (const SquareAddress a : nearest_) {
-    if (pending_.size() >= kMostPending || out.want.squares.size() >= wire::kMaxSquares) break;
+    if (pending_.size() >= kMaxPending || out.want.squares.size() >= wire::kMaxSquares) break;
     if (const auto known = known_.find(a); known == known_.end() || known->second.good() || pending_.contains(a)) continue;
     pending_.insert(a);
     out.want.squares.push_back(a);
@@ -74,7 +74,7 @@ void HeldEdits::sort() {
   std::ranges::sort(all);
   nearest_.clear();
   for (std::size_t k = 0; k < all.size(); ++k) {
-    if (k < kMostHeld)
+    if (k < kMaxHeld)
       nearest_.push_back(all[k].second);
     else if (Known& known = known_[all[k].second]; known.held) {
       const std::uint64_t needs = known.needs;
@@ -126,7 +126,7 @@ void HeldEdits::name(const lattice::Area& area, std::uint64_t edit) {
   const SquareAddress first = edits::squareOf({std::max(area.x0, camera_.x - reach), std::max(area.z0, camera_.z - reach)}),
                       last = edits::squareOf({std::min(area.x1 - 1, camera_.x + reach), std::min(area.z1 - 1, camera_.z + reach)});
   if (last.i < first.i || last.j < first.j) return;
-  if ((last.i - first.i + 1) * (last.j - first.j + 1) > kMostNamed || known_.size() > wire::kMaxFoundSquares) {
+  if ((last.i - first.i + 1) * (last.j - first.j + 1) > kMaxNamed || known_.size() > wire::kMaxFoundSquares) {
     foundAt_.reset();
     return;
   }

@@ -2,7 +2,7 @@
 // What edits have made of the ground, as far as a client holds it: squares of posts around the camera, fetched nearest first, and again
 // when an edit has changed them. Not thread-safe; one owner. No OpenGL, no sockets.
 //
-// Bounds: the kMostHeld nearest squares that have edits (64 m a side; 83 MiB at most). Ground beyond them is the terrain's own here, though
+// Bounds: the kMaxHeld nearest squares that have edits (64 m a side; 83 MiB at most). Ground beyond them is the terrain's own here, though
 // the mesh knows better.
 
 #include <cstdint>
@@ -23,8 +23,8 @@ namespace ridgecast::core {
 
 class HeldEdits {
  public:
-  static constexpr std::size_t kMostHeld = 1024;
-  static constexpr std::size_t kMostPending = 64;  // requests for squares
+  static constexpr std::size_t kMaxHeld = 1024;
+  static constexpr std::size_t kMaxPending = 64;  // requests for squares
 
   explicit HeldEdits(double reach) : reach_(reach) {}  // metres around the camera
 

@@ -10,7 +10,7 @@ namespace ridgecast::core {
 namespace {
 
 constexpr int kAround = 96;
-constexpr double kApart = 4 * lattice::kStepsPerMetre, kMostOfPiece = 256;
+constexpr double kApart = 4 * lattice::kStepsPerMetre, kMaxOfPiece = 256;
 
 lattice::Step along(lattice::Step from, double by) { return from + std::llround(by); }
 
@@ -38,7 +38,7 @@ Outline outlineOf(const Scene& scene, const lattice::Vertex& middle, lattice::St
     const lattice::Vertex &from = corners[k], &to = k + 1 < corners.size() ? corners[k + 1] : middle;
     const double x = static_cast<double>(from.x - middle.x), z = static_cast<double>(from.z - middle.z);
     const double dx = static_cast<double>(to.x - from.x), dz = static_cast<double>(to.z - from.z);
-    const double pieces = std::clamp(std::ceil(std::hypot(dx, dz) / kApart), 1.0, kMostOfPiece);
+    const double pieces = std::clamp(std::ceil(std::hypot(dx, dz) / kApart), 1.0, kMaxOfPiece);
     for (double p = 0; p < pieces; ++p) out.line.push_back(lay(x + dx * p / pieces, z + dz * p / pieces));
   }
   if (!corners.empty()) out.line.push_back({{middle.x, middle.z}, lattice::metres(middle.y)});

@@ -21,7 +21,7 @@ constexpr double kSameCorner = 128;  // steps: the second click of a double clic
 constexpr std::uint32_t kPasses = 8;
 
 Step mostRadius(Tool tool) {
-  return tool == Tool::kSmooth ? edits::kMostRadius / 4 : tool == Tool::kRoad ? edits::kMostRadius / 8 : edits::kMostRadius;
+  return tool == Tool::kSmooth ? edits::kMaxRadius / 4 : tool == Tool::kRoad ? edits::kMaxRadius / 8 : edits::kMaxRadius;
 }
 
 double apart(const lattice::Vertex& a, const lattice::Vertex& b) {
@@ -80,15 +80,15 @@ void Editing::choose(Tool tool) {
 }
 
 void Editing::widen(double notches) {
-  radius_ = std::clamp<Step>(std::llround(std::min(static_cast<double>(radius_) * std::pow(kNotch, notches), 1e9)), edits::kLeastRadius,
+  radius_ = std::clamp<Step>(std::llround(std::min(static_cast<double>(radius_) * std::pow(kNotch, notches), 1e9)), edits::kMinRadius,
                              mostRadius(tool_));
 }
 
 void Editing::use(const lattice::Vertex& at) {
   if (tool_ != Tool::kRoad) return void(ask(operationAt(at)));
   if (!corners_.empty() && apart(corners_.back(), at) < kSameCorner) return;
-  if (corners_.size() == edits::kMostCorners)
-    return to_.say("A road has at most " + std::to_string(edits::kMostCorners) + " corners; end it and go on from there.");
+  if (corners_.size() == edits::kMaxCorners)
+    return to_.say("A road has at most " + std::to_string(edits::kMaxCorners) + " corners; end it and go on from there.");
   corners_.push_back(at);
 }
 
@@ -111,7 +111,7 @@ void Editing::undoEdit() {
 
 void Editing::keep(std::uint64_t number) {
   made_.insert(std::ranges::lower_bound(made_, number), number);
-  if (made_.size() > kMostUndone) made_.erase(made_.begin());
+  if (made_.size() > kMaxUndone) made_.erase(made_.begin());
 }
 
 void Editing::hear(std::uint64_t id, const Outcome<std::uint64_t>& made) {
@@ -130,7 +130,7 @@ void Editing::hear(std::uint64_t id, const Outcome<std::uint64_t>& made) {
 }
 
 void Editing::connected() {
-  const auto dropped = std::erase_if(open_, [](const Open& o) { return o.times >= kMostTimes; });
+  const auto dropped = std::erase_if(open_, [](const Open& o) { return o.times >= kMaxTimes; });
   if (dropped > 0) to_.say("The connection was lost again and again before an edit was answered; check whether it was made.");
   std::vector<wire::Edit> again;
   for (Open& open : open_) ++open.times, again.push_back(open.edit);
@@ -153,8 +153,8 @@ edits::Operation Editing::operationAt(const lattice::Vertex& at) const {
 }
 
 bool Editing::ask(const edits::Operation& operation, std::uint64_t undoes) {
-  if (open_.size() == kMostOpen) {
-    to_.say("The server has not answered " + std::to_string(kMostOpen) + " edits yet; try again in a moment.");
+  if (open_.size() == kMaxOpen) {
+    to_.say("The server has not answered " + std::to_string(kMaxOpen) + " edits yet; try again in a moment.");
     return false;
   }
   const wire::Edit edit{++ids_, to_.newKey(), edits::toJson(operation)};

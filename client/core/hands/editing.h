@@ -1,7 +1,7 @@
 #pragma once
 // What a person does to the ground, of window and page: the brush and its radius, the corners of a road, edits that wait for their answers,
 // and what may be undone. An edit that is not answered goes again over the next connection; by its key it is made once. Values only.
-// Bounds: kMostCorners corners, kMostOpen edits without an answer, kMostUndone to undo.
+// Bounds: kMaxCorners corners, kMaxOpen edits without an answer, kMaxUndone to undo.
 
 #include <array>
 #include <cstdint>
@@ -24,8 +24,8 @@ std::string randomKey();  // unlike any other, of anybody
 
 class Editing {
  public:
-  static constexpr std::size_t kMostOpen = 16, kMostUndone = 1024;
-  static constexpr int kMostTimes = 3;  // that an edit is sent
+  static constexpr std::size_t kMaxOpen = 16, kMaxUndone = 1024;
+  static constexpr int kMaxTimes = 3;  // that an edit is sent
 
   struct To {
     std::function<void(const wire::Edit& edit)> send;  // hear() may follow before it returns

@@ -30,7 +30,7 @@ terrain::Shade shadeOf(const std::uint8_t* b) { return {static_cast<std::int8_t>
 
 PointMesh::PointMesh(bool shaded, std::uint32_t triangles) : shaded_(shaded), terms_(0) {
   everything_.allowAll();
-  make(std::clamp(triangles, kLeastTriangles, kMostTriangles));
+  make(std::clamp(triangles, kMinTriangles, kMaxTriangles));
 }
 
 // ---- storage ----

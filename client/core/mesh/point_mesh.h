@@ -72,8 +72,8 @@ class PointMesh final : public triangulation::Partition {
  private:
   using VertexId = triangulation::VertexId;
   using RegionId = triangulation::RegionId;
-  static constexpr std::uint32_t kLeastTriangles = 1 << 16, kMostTriangles = 8'000'000;  // made room for at first
-  static constexpr lattice::Step kReach = lattice::Step{1} << 26;                        // of vertices from the anchor
+  static constexpr std::uint32_t kMinTriangles = 1 << 16, kMaxTriangles = 8'000'000;  // made room for at first
+  static constexpr lattice::Step kReach = lattice::Step{1} << 26;                     // of vertices from the anchor
 
   // A square's change, by vertex.
   struct Resolved {

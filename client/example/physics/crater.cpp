@@ -7,7 +7,7 @@
 
 namespace {
 
-constexpr int kRate = 120, kMostSeconds = 30;
+constexpr int kRate = 120, kMaxSeconds = 30;
 constexpr double kAtRest = 0.05;  // metres between a box at rest and the ground
 constexpr float kRadius = 0.25f;
 
@@ -59,7 +59,7 @@ struct Scene {
     do {
       ground.followWaiting();
       world.stepSimulation(1.0f / kRate, 0);
-    } while (asleep() < boxes.size() && ++step < kMostSeconds * kRate);
+    } while (asleep() < boxes.size() && ++step < kMaxSeconds * kRate);
     double worst = 0;
     for (const auto& one : boxes) worst = std::max(worst, std::abs(gap(ground, *one, terrain, points)));
     std::printf("%s: %zu of %zu asleep after %.1f s, at most %.4f m from the true ground\n", where, asleep(), boxes.size(),

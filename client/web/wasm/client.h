@@ -32,8 +32,8 @@ namespace ridgecast::page {
 using Instant = core::Reconnector::Instant;
 using Milliseconds = std::chrono::duration<double, std::milli>;
 
-inline constexpr std::size_t kMostPoses = 256;            // without an answer; older ones are forgotten
-inline constexpr std::uint32_t kMostCandidates = 20'000;  // of an iteration
+inline constexpr std::size_t kMaxPoses = 256;            // without an answer; older ones are forgotten
+inline constexpr std::uint32_t kMaxCandidates = 20'000;  // of an iteration
 
 inline Instant instantOf(double now) { return Instant(std::chrono::duration_cast<Instant::duration>(Milliseconds(now))); }
 inline lattice::Step stepsOf(double v) { return static_cast<lattice::Step>(std::llround(v)); }
@@ -100,7 +100,7 @@ class Client {
     tellGround();
   }
   void wantCandidates(bool wanted) {
-    settings_.candidates = wanted ? kMostCandidates : 0;
+    settings_.candidates = wanted ? kMaxCandidates : 0;
     change();
     if (!wanted) showNoCandidates();
   }
@@ -178,7 +178,7 @@ class Client {
   void sendPose(double now) {
     if (!line_) return;
     poses_.emplace_back(++sequence_, now);
-    if (poses_.size() > kMostPoses) poses_.pop_front();
+    if (poses_.size() > kMaxPoses) poses_.pop_front();
     if (const core::Wrong wrong = line_->send({sequence_, *camera_})) hangUp(*wrong);
   }
 

@@ -60,7 +60,7 @@ TEST(HeightWindow, asksNearestFirstAndOnceAndBounded) {
   core::HeightWindow window = windowOf(shapeOf(terrain::pitchOf(2560)));
   window.moveTo({0, 0});
   const auto first = window.take();
-  ASSERT_EQ(first.size(), core::HeightWindow::kMost);
+  ASSERT_EQ(first.size(), core::HeightWindow::kMax);
   EXPECT_EQ(first[0], window.centre());
   std::int64_t ring = 0;
   for (const TileAddress a : first) {

@@ -483,7 +483,7 @@ TEST(StandingGround, RefusesWhatCannotBe) {
   ASSERT_FALSE(beyond);
   EXPECT_THAT(beyond.error().message, HasSubstr("body 1 "));
   EXPECT_FALSE(ground->move(std::vector<Point>{{std::numeric_limits<Step>::min(), 0}}));
-  EXPECT_FALSE(ground->move(std::vector<Point>(kMostBodies + 1)));
+  EXPECT_FALSE(ground->move(std::vector<Point>(kMaxBodies + 1)));
   Tiles held;
   settle(*ground, held);
   EXPECT_TRUE(covers(held, {0, 0}, 32 * kMetre, kMetre)) << "nothing changed";

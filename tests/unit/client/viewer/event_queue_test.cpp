@@ -188,7 +188,7 @@ TEST(EventQueue, NeverGrowsWithoutBoundAndLetsKeysUp) {
   queue.add(key(5000, true));
   queue.add(button(9, true));
   const auto all = queue.all();
-  EXPECT_LE(all.size(), EventQueue::kMost + 1);
+  EXPECT_LE(all.size(), EventQueue::kMax + 1);
   EXPECT_EQ(all.back().code, kEnter);
   EXPECT_FALSE(all.back().down);
 }

@@ -93,20 +93,20 @@ TEST_F(RememberedTest, OnlyWhatChangedIsWritten) {
 }
 
 TEST_F(RememberedTest, ThePlaceLongestNotVisitedIsForgotten) {
-  for (std::size_t k = 0; k <= Remembered::kMostPlaces; ++k) {
+  for (std::size_t k = 0; k <= Remembered::kMaxPlaces; ++k) {
     Remembered last;
     last.visit({"a:1/" + std::to_string(k == 5 ? 0 : k), {}});
     ASSERT_TRUE(keepChanges(file_, {}, last));
   }
   const auto read = readRemembered(file_);
   ASSERT_TRUE(read) << read.error().message;
-  EXPECT_EQ(read->places.size(), Remembered::kMostPlaces);
+  EXPECT_EQ(read->places.size(), Remembered::kMaxPlaces);
   Remembered one;
   one.visit({"a:1/new", {}});
   ASSERT_TRUE(keepChanges(file_, {}, one));
   const auto later = readRemembered(file_);
   ASSERT_TRUE(later);
-  EXPECT_EQ(later->places.size(), Remembered::kMostPlaces);
+  EXPECT_EQ(later->places.size(), Remembered::kMaxPlaces);
   EXPECT_TRUE(later->placeAt("a:1/0"));
   EXPECT_FALSE(later->placeAt("a:1/1"));
 }

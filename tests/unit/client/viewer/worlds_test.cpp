@@ -38,7 +38,7 @@ TEST(Worlds, OfAHostileServerAreBoundedOrRefused) {
   for (int k = 0; k < 1500; ++k) many += (k ? "," : "") + std::string(R"({"name": "s", "terrain": 5, "seed": "x", "members": -1})");
   const auto read = worldsFrom("{\"sessions\": [" + many + "]}", none);
   ASSERT_TRUE(read);
-  EXPECT_EQ(read->sessions.size(), Worlds::kMost);
+  EXPECT_EQ(read->sessions.size(), Worlds::kMax);
   EXPECT_EQ(read->sessions[0].terrain, "");
 }
 

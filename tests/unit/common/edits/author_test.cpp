@@ -15,7 +15,7 @@ TEST(Author, ComesBackAsItWas) {
 TEST(Author, OfALogWithoutNamesIsWhatStandsThere) { EXPECT_EQ(authorOf("ann"), (Author{"ann", ""})); }
 
 TEST(Author, IsOnlyWhatClientsAccept) {
-  const std::string most(kMostAuthorBytes, 'a');
+  const std::string most(kMaxAuthorBytes, 'a');
   EXPECT_EQ(authorOf(toText({most, most})), (Author{most, most}));
   EXPECT_EQ(authorOf(toText({most + "a", "ann"})), (Author{"", "ann"}));
   EXPECT_EQ(authorOf("token of lab\nann\nbob"), (Author{"token of lab", ""}));

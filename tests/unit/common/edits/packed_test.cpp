@@ -26,7 +26,7 @@ std::vector<Operation> operationsOfAllKinds() {
                              {Smooth{{3, 4}, 500, 16}, 3},
                              {Road{{{1, 2, 0}, {3000, 4000, 0}}, false, 999, 5, 300}, 0},
                              {Road{{{1, 2, -7}, {3000, 4000, 8}}, true, 999, 5, 300}, 6},
-                             {Stamp{{3, 4}, 2, 3, 16, {1, -2, 3, -4, kMostRise, -kMostRise}}, 8},
+                             {Stamp{{3, 4}, 2, 3, 16, {1, -2, 3, -4, kMaxRise, -kMaxRise}}, 8},
                              {Undo{~std::uint64_t{0}}, 0}};
   std::mt19937_64 random(1);
   for (int k = 0; k < testing_support::rounds(500); ++k) out.push_back(testing_support::randomOperation(random, {m(1e9), -m(4e12)}));
@@ -91,8 +91,8 @@ TEST(PackedEdit, StampsTakeLittle) {
   std::mt19937_64 random(2);
   const auto rough = stampOf(256, [&](auto, auto) { return static_cast<std::int32_t>(random() % 1024); });
   EXPECT_LE(pack(rough).size(), 65'536u * 9 / 4);
-  const auto worst = stampOf(256, [](auto x, auto z) { return (x + z) % 2 == 0 ? kMostRise : -kMostRise; });
-  EXPECT_LE(pack(worst).size(), kMostPackedBytes);
+  const auto worst = stampOf(256, [](auto x, auto z) { return (x + z) % 2 == 0 ? kMaxRise : -kMaxRise; });
+  EXPECT_LE(pack(worst).size(), kMaxPackedBytes);
   EXPECT_EQ(unpack(pack(worst)).value(), worst);
 }
 

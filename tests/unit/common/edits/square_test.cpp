@@ -115,13 +115,13 @@ INSTANTIATE_TEST_SUITE_P(Everywhere, Squares, testing::Values(Step{0}, m(1e9) + 
 
 TEST(SquareBytes, OfWhatIsNoneAreRefused) {
   Square square;
-  square.rises[7] = -kMostRise;
+  square.rises[7] = -kMaxRise;
   square.materials[9] = kMaterials;
   const SquareBytes good = encode(square);
   ASSERT_TRUE(decodeSquare(good.rises, good.materials));
   EXPECT_EQ((*decodeSquare(good.rises, good.materials))->materials, square.materials);
   EXPECT_FALSE(*decodeSquare({}, {}));
-  square.rises[8] = kMostRise + 1;
+  square.rises[8] = kMaxRise + 1;
   EXPECT_FALSE(decodeSquare(encode(square).rises, {}));
   square.materials[1] = kMaterials + 1;
   EXPECT_FALSE(decodeSquare(good.rises, encode(square).materials));

@@ -108,7 +108,7 @@ TEST(Undo, FollowsSmoothingsFromOneToTheNext) {
     const auto uniform = [&](double from, double to) { return std::uniform_real_distribution<double>(from, to)(random); };
     std::vector<Smooth> row;
     for (double x = 0; row.size() < 20; x += uniform(2, seed % 2 ? 20 : 5))
-      row.push_back({{m(x), m(uniform(-3, 3))}, m(uniform(4, 8)), static_cast<std::uint32_t>(uniform(8, kMostPasses + 1))});
+      row.push_back({{m(x), m(uniform(-3, 3))}, m(uniform(4, 8)), static_cast<std::uint32_t>(uniform(8, kMaxPasses + 1))});
     if (seed % 4 >= 2) std::ranges::shuffle(row, random);
     History history(terrain);
     for (const double x : {0.0, 30.0, 60.0}) ASSERT_TRUE(history.add({Raise{{m(x), 0}, m(3), 0, static_cast<std::int32_t>(m(100))}, 0}));
@@ -127,7 +127,7 @@ TEST(Undo, FollowsASmoothingThatOnlyAnotherChanged) {
   History history(terrain);
   ASSERT_TRUE(history.add({Raise{{m(6), 0}, m(1), 0, static_cast<std::int32_t>(m(1000))}, 0}));
   for (const double x : {15.0, 24.5})  // posts 14 to 46 and 33 to 65; tiles have 16
-    for (int k = 0; k < 30; ++k) ASSERT_TRUE(history.add({Smooth{{m(x), 0}, m(8), kMostPasses}, 0}));
+    for (int k = 0; k < 30; ++k) ASSERT_TRUE(history.add({Smooth{{m(x), 0}, m(8), kMaxPasses}, 0}));
   ASSERT_TRUE(history.add({edits::Undo{1}, 0}));
   expectReplayed(terrain, history);
 }
@@ -137,7 +137,7 @@ TEST(Undo, MakesAgainWhatASmoothingReadsThroughAnother) {
   History history(terrain);
   for (const double x : {4.0, 17.0}) ASSERT_TRUE(history.add({Raise{{m(x), 0}, m(1), 0, static_cast<std::int32_t>(m(1000))}, 0}));
   for (int k = 0; k < 30; ++k) ASSERT_TRUE(history.add({Smooth{{m(13), 0}, m(2.5), 3}, 0}));  // posts 21 to 31
-  ASSERT_TRUE(history.add({Smooth{{m(5), 0}, m(2.5), kMostPasses}, 0}));                      // 5 to 15
+  ASSERT_TRUE(history.add({Smooth{{m(5), 0}, m(2.5), kMaxPasses}, 0}));                       // 5 to 15
   ASSERT_TRUE(history.add({edits::Undo{1}, 0}));
   expectReplayed(terrain, history);
 }
@@ -332,11 +332,11 @@ TEST(History, CheckpointsAreBounded) {
   History history(terrain);
   for (int k = 0; k < 16; ++k) {
     ASSERT_TRUE(history.add({Raise{{m(k), 0}, m(250), 0, 100 + k}, 0}));
-    EXPECT_LE(history.checkpointBytes(), kMostCheckpointBytes);
+    EXPECT_LE(history.checkpointBytes(), kMaxCheckpointBytes);
   }
-  EXPECT_GT(history.checkpointBytes(), kMostCheckpointBytes / 4);
+  EXPECT_GT(history.checkpointBytes(), kMaxCheckpointBytes / 4);
   ASSERT_TRUE(history.add({Undo{14}, 0}));
-  EXPECT_LE(history.checkpointBytes(), kMostCheckpointBytes);
+  EXPECT_LE(history.checkpointBytes(), kMaxCheckpointBytes);
   expectReplayed(terrain, history);
 }
 

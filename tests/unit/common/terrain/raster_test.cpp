@@ -46,20 +46,20 @@ TEST(Bicubic, EveryVariantReturnsTheSameBitsForAnyNumberOfPlaces) {
     for (const std::uint32_t pitch : {1u, 128u, 7680u}) {
       const float inverse = 1 / static_cast<float>(pitch);
       CubicPlaces places;
-      for (std::size_t k = 0; k < CubicPlaces::kMost; ++k) {
+      for (std::size_t k = 0; k < CubicPlaces::kMax; ++k) {
         std::array<std::int32_t, 16> s;
         for (auto& v : s) v = static_cast<std::int32_t>(random() >> (64 - bits)) - (1 << (bits - 1));
         places.set(k, s, static_cast<float>(random() % pitch), static_cast<float>(random() % pitch));
       }
-      std::array<float, CubicPlaces::kMost> expected{};
+      std::array<float, CubicPlaces::kMax> expected{};
       for (std::size_t k = 0; k < expected.size(); ++k) {
         std::array<std::int32_t, 16> s;
         for (std::size_t i = 0; i < s.size(); ++i) s[i] = places.samples[i][k];
         expected[k] = cubicHeight(s, places.beyondX[k], places.beyondZ[k], inverse, inverse / 2);
       }
       for (const Variant& v : variants())
-        for (int count = 0; count <= static_cast<int>(CubicPlaces::kMost); ++count) {
-          std::array<float, CubicPlaces::kMost> out;
+        for (int count = 0; count <= static_cast<int>(CubicPlaces::kMax); ++count) {
+          std::array<float, CubicPlaces::kMax> out;
           out.fill(-7);
           v.cubicHeights(places, count, inverse, inverse / 2, out.data());
           for (std::size_t k = 0; k < out.size(); ++k)

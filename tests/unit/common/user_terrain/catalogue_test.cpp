@@ -446,7 +446,7 @@ TEST_F(Files, TheCacheKeepsWhatWasUsedLast) {
   std::filesystem::last_write_time(used, old - std::chrono::hours(1));  // the oldest of all
   std::ofstream(cache / "somebody-elses.so") << "mine";
   std::filesystem::last_write_time(cache / "somebody-elses.so", old - std::chrono::hours(2));
-  for (std::size_t k = 0; k < Cache::kMostKept + 20; ++k) {
+  for (std::size_t k = 0; k < Cache::kMaxKept + 20; ++k) {
     char name[64];
     std::snprintf(name, sizeof name, "%032zx-baseline.so", k);
     std::ofstream(cache / name) << "old";
@@ -458,7 +458,7 @@ TEST_F(Files, TheCacheKeepsWhatWasUsedLast) {
   const auto loaded = load(second, {});
   ASSERT_TRUE(loaded);
   EXPECT_EQ((*loaded)->height({0, 0}), 3.0);
-  EXPECT_EQ(entries().size(), Cache::kMostKept + 1);
+  EXPECT_EQ(entries().size(), Cache::kMaxKept + 1);
   EXPECT_TRUE(std::filesystem::exists(used));
   EXPECT_TRUE(std::filesystem::exists(cache / "somebody-elses.so"));
   EXPECT_FALSE(std::filesystem::exists(cache / (std::string(32, '0') + "-baseline.so")));

@@ -190,7 +190,7 @@ TEST(Wire, IterationSurvives) {
   EXPECT_EQ(out.shades, in.shades);
   EXPECT_EQ(out.meshHash, in.meshHash);
   EXPECT_EQ(out.settled, in.settled);
-  const Figures &a = in.figures, &b = out.figures;
+  const IterationStats &a = in.figures, &b = out.figures;
   EXPECT_EQ(std::tie(a.selectMs, a.generateMs, a.refineMs, a.triangulateMs, a.encodeMs, a.heights, a.effectiveThreshold),
             std::tie(b.selectMs, b.generateMs, b.refineMs, b.triangulateMs, b.encodeMs, b.heights, b.effectiveThreshold));
   EXPECT_EQ(std::tie(a.leaves, a.visibleLeaves, a.generatedLeaves, a.droppedLeaves, a.triangles, a.inserted, a.removed, a.deferred,

@@ -138,54 +138,55 @@ TEST(Conversation, ClosedThereIsNoWork) {
   EXPECT_FALSE(c.iterated({}, false));
 }
 
-TEST(Pace, PaysBackWhatWasSentAndSavesLittleUp) {
-  Pace pace;
-  EXPECT_FALSE(pace.limits());
-  EXPECT_EQ(pace.insertions(), 0xffffffffu);
-  pace.setRate(64'000);
-  const auto now = Pace::Clock::now();
-  pace.sent(now, 64'000, 0);  // a second's worth, of which a quarter was saved up
-  EXPECT_NEAR(std::chrono::duration<double>(pace.free() - now).count(), 0.75, 1e-6);
-  pace.sent(now, 6'400, 0);
-  EXPECT_NEAR(std::chrono::duration<double>(pace.free() - now).count(), 0.85, 1e-6);
-  pace.sent(now + 10s, 0, 0);
-  EXPECT_LE(pace.free(), now + 10s);
+TEST(ByteRate, PaysBackWhatWasSentAndSavesLittleUp) {
+  ByteRate rate;
+  EXPECT_FALSE(rate.limits());
+  EXPECT_EQ(rate.insertions(), 0xffffffffu);
+  rate.setRate(64'000);
+  const auto now = ByteRate::Clock::now();
+  rate.sent(now, 64'000, 0);  // a second's worth, of which a quarter was saved up
+  EXPECT_NEAR(std::chrono::duration<double>(rate.free() - now).count(), 0.75, 1e-6);
+  rate.sent(now, 6'400, 0);
+  EXPECT_NEAR(std::chrono::duration<double>(rate.free() - now).count(), 0.85, 1e-6);
+  rate.sent(now + 10s, 0, 0);
+  EXPECT_LE(rate.free(), now + 10s);
   // What an insertion costs is learnt.
-  const auto before = pace.insertions();
+  const auto before = rate.insertions();
   EXPECT_GT(before, 500u);
-  for (int k = 0; k < 20; ++k) pace.sent(now, 40'000, 1000);
-  EXPECT_NEAR(pace.insertions(), 16'000.0 / 40, 10);
+  for (int k = 0; k < 20; ++k) rate.sent(now, 40'000, 1000);
+  EXPECT_NEAR(rate.insertions(), 16'000.0 / 40, 10);
 }
 
 // Cameras that share a core, each with ten poses a second; who has waited longer has flown farther and wants more.
 struct Shared {
   struct Flier {
-    Tempo tempo;
+    InsertionRate rate;
     double wants = 0;  // vertices
-    Tempo::Time last{}, nextPose{};
+    InsertionRate::Time last{}, nextPose{};
   };
   std::vector<Flier> fliers;
-  Tempo::Time now{1h};
+  InsertionRate::Time now{1h};
   static constexpr double kFixed = 0.0015, kAVertex = 5e-5, kWantedASecond = 3000;  // seconds; without a limit 6 cameras fill the core
 
   // One camera after the other for so long. Iterations of each a second, and the share of what was wanted that came.
   std::pair<double, double> run(std::size_t count, double seconds, bool limited) {
     for (std::size_t k = fliers.size(); k < count; ++k) fliers.push_back({{}, 0, now, now + std::chrono::milliseconds(37 * k % 100)});
     double iterations = 0, wanted = 0, came = 0;
-    for (const auto end = now + std::chrono::duration_cast<Tempo::Time::duration>(std::chrono::duration<double>(seconds)); now < end;) {
+    for (const auto end = now + std::chrono::duration_cast<InsertionRate::Time::duration>(std::chrono::duration<double>(seconds));
+         now < end;) {
       const auto before = now;
       for (Flier& f : fliers) {
         if (now < f.nextPose) continue;
         const double more = std::min(1.0, std::chrono::duration<double>(now - f.last).count()) * kWantedASecond;
         wanted += more;
         f.wants += more;
-        for (; f.nextPose <= now; f.nextPose += 100ms) f.tempo.pose(f.nextPose);
-        f.tempo.begin();
-        const double inserted = limited ? std::min<double>(f.wants, f.tempo.insertions()) : f.wants;
+        for (; f.nextPose <= now; f.nextPose += 100ms) f.rate.pose(f.nextPose);
+        f.rate.begin();
+        const double inserted = limited ? std::min<double>(f.wants, f.rate.insertions()) : f.wants;
         f.wants = std::max(0.0, f.wants * 0.8 - inserted);  // what is left behind is no longer wanted
         f.last = now;
-        now += std::chrono::duration_cast<Tempo::Time::duration>(std::chrono::duration<double>(kFixed + kAVertex * inserted));
-        f.tempo.sent(now, static_cast<std::uint32_t>(inserted));
+        now += std::chrono::duration_cast<InsertionRate::Time::duration>(std::chrono::duration<double>(kFixed + kAVertex * inserted));
+        f.rate.sent(now, static_cast<std::uint32_t>(inserted));
         came += inserted;
         ++iterations;
       }
@@ -195,7 +196,7 @@ struct Shared {
   }
 };
 
-TEST(Tempo, KeepsThePaceOnAMachineThatIsTooSmallForAllDetail) {
+TEST(InsertionRate, KeepsThePaceOnAMachineThatIsTooSmallForAllDetail) {
   EXPECT_LT(Shared().run(40, 20, false).first, 1.5) << "what happens without it";
   Shared machine;
   machine.run(40, 10, true);
@@ -209,31 +210,31 @@ TEST(Tempo, KeepsThePaceOnAMachineThatIsTooSmallForAllDetail) {
   EXPECT_GT(all, 0.95) << "it comes back by itself";
 }
 
-TEST(Tempo, HurriesNobodyWhoRests) {
-  Tempo tempo;
-  Tempo::Time now{1h};
+TEST(InsertionRate, HurriesNobodyWhoRests) {
+  InsertionRate rate;
+  InsertionRate::Time now{1h};
   for (int k = 0; k < 20; ++k, now += 100ms) {  // late, again and again
-    tempo.pose(now);
-    tempo.begin();
-    tempo.sent(now + 90ms, tempo.insertions());
-    EXPECT_EQ(tempo.insertions() == Tempo::kMost, k == 0) << "whoever sets off has time";
+    rate.pose(now);
+    rate.begin();
+    rate.sent(now + 90ms, rate.insertions());
+    EXPECT_EQ(rate.insertions() == InsertionRate::kMax, k == 0) << "whoever sets off has time";
   }
-  ASSERT_LE(tempo.insertions(), 2 * Tempo::kLeast);
+  ASSERT_LE(rate.insertions(), 2 * InsertionRate::kMin);
   for (int k = 0; k < 20; ++k, now += 200ms) {
-    tempo.begin();
-    tempo.sent(now + 190ms, tempo.insertions());
+    rate.begin();
+    rate.sent(now + 190ms, rate.insertions());
   }
-  EXPECT_EQ(tempo.insertions(), Tempo::kMost);
+  EXPECT_EQ(rate.insertions(), InsertionRate::kMax);
 }
 
-TEST(Tempo, IsNotSlowedByWhatDetailDoesNotCost) {
-  Tempo tempo;
-  for (Tempo::Time now{1h}; now < Tempo::Time{1h + 10s}; now += 100ms) {
-    tempo.pose(now);
-    tempo.begin();
-    tempo.sent(now + 500ms, Tempo::kLeast);  // late, but not for so few vertices
+TEST(InsertionRate, IsNotSlowedByWhatDetailDoesNotCost) {
+  InsertionRate rate;
+  for (InsertionRate::Time now{1h}; now < InsertionRate::Time{1h + 10s}; now += 100ms) {
+    rate.pose(now);
+    rate.begin();
+    rate.sent(now + 500ms, InsertionRate::kMin);  // late, but not for so few vertices
   }
-  EXPECT_EQ(tempo.insertions(), Tempo::kMost);
+  EXPECT_EQ(rate.insertions(), InsertionRate::kMax);
 }
 
 TEST(Conversation, InLockstepDetailDoesNotDependOnTheClock) {

@@ -32,8 +32,8 @@ TEST(Tiles, ComeBackAsTheyWere) {
     const int kind = round % 4;
     for (std::size_t k = 0; k < tile.rise.size(); ++k) {
       if (kind == 1) tile.rise[k] = static_cast<std::int32_t>(k * 3 % 100);
-      if (kind == 2 && random() % 9 == 0) tile.rise[k] = random() % 2 ? edits::kMostRise : -edits::kMostRise;
-      if (kind == 3) tile.rise[k] = static_cast<std::int32_t>(random() % (2 * edits::kMostRise + 1)) - edits::kMostRise;
+      if (kind == 2 && random() % 9 == 0) tile.rise[k] = random() % 2 ? edits::kMaxRise : -edits::kMaxRise;
+      if (kind == 3) tile.rise[k] = static_cast<std::int32_t>(random() % (2 * edits::kMaxRise + 1)) - edits::kMaxRise;
       if (kind >= 2) tile.material[k] = static_cast<std::uint8_t>(random() % 9);
     }
     std::vector<std::uint8_t> bytes;
@@ -60,7 +60,7 @@ TEST(Tiles, AreRefusedWhenTheyAreNone) {
       ++refused;
       continue;
     }
-    for (const std::int32_t rise : tile->posts().rise) ASSERT_LE(std::abs(rise), edits::kMostRise);
+    for (const std::int32_t rise : tile->posts().rise) ASSERT_LE(std::abs(rise), edits::kMaxRise);
     for (const std::uint8_t material : tile->posts().material) ASSERT_LE(material, edits::kMaterials);
   }
   EXPECT_GT(refused, 10'000);

@@ -83,7 +83,7 @@ class OnEarth : public testing::Test {
   }
   scheduling::Executor executor_{1};
   std::vector<Route> routes_;
-  std::shared_ptr<const Later> later_;
+  std::shared_ptr<const DeferredResponse> later_;
 };
 
 std::string spelt(std::initializer_list<double> numbers) {

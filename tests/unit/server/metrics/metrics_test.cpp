@@ -6,7 +6,7 @@
 #include <thread>
 #include <vector>
 
-#include "server/metrics/figures.h"
+#include "server/metrics/metrics.h"
 
 namespace ridgecast::metrics {
 namespace {
@@ -62,9 +62,9 @@ TEST(Registry, LosesNothingAmongThreads) {
   EXPECT_THAT(registry.text(), HasSubstr("h_count 40000\nh_sum 40000\n"));
 }
 
-TEST(Figures, HaveTheirNames) {
-  Figures figures;
-  settings::Figures iteration;
+TEST(Metrics, HaveTheirNames) {
+  Metrics figures;
+  settings::IterationStats iteration;
   iteration.refineMs = 20;
   iteration.inserted = 7;
   figures.iterated(iteration);

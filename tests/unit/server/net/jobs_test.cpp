@@ -300,7 +300,7 @@ class LaterTest : public testing::Test {
   void TearDown() override { server->shutdown(); }
   std::optional<Answer> route(const Request& request) {
     Answer a;
-    auto later = std::make_shared<Later>();
+    auto later = std::make_shared<DeferredResponse>();
     if (request.target == "/prompt") {
       a.etag = "v1";
       later->work = [this](std::stop_token) {

@@ -179,7 +179,7 @@ TEST(FollowingColour, ChangesNothingForOthers) {
 }
 
 TEST(FollowingColour, IsGrantedWithinLimits) {
-  EXPECT_EQ(grant({.colourError = 1e-5}, {}).colourError, settings::kLeastColourError);
+  EXPECT_EQ(grant({.colourError = 1e-5}, {}).colourError, settings::kMinColourError);
   EXPECT_EQ(grant({.colourError = 0.2}, {}).colourError, 0.2);
   EXPECT_EQ(grant({.metric = settings::Metric::kThesis, .colourError = 0.2}, {}).colourError, 0);
 }

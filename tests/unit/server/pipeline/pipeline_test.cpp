@@ -374,7 +374,7 @@ TEST(Pipeline, ALimitedMeshIsNotSettledAndSettlesAsOthersDoOnceTheLimitGoes) {
   Rig limited(1, {.threshold = 1}), free(1, {.threshold = 1});
   const camera::Camera camera = cameraAt(*limited.terrain, 1400, 3600, 150);
   const auto settle = [&](Rig& rig) {
-    settings::Figures figures;
+    settings::IterationStats figures;
     for (int k = 0; k < 400 && (k == 0 || !rig.pipeline.settled()); ++k) figures = rig.pipeline.iterate(camera);
     EXPECT_TRUE(rig.pipeline.settled());
     EXPECT_EQ(figures.effectiveThreshold, 1);

@@ -104,7 +104,7 @@ TEST(Settled, LooksCloselyPartByPart) {
   std::uint64_t most = 0, all = 0;
   bool looks = false;
   for (int n = 0; n < 300 && !rig.pipeline.settled(); ++n) {
-    const settings::Figures figures = rig.pipeline.iterate(camera);
+    const settings::IterationStats figures = rig.pipeline.iterate(camera);
     looks = looks || (n > 0 && figures.inserted + figures.removed == 0);
     if (!looks) continue;
     most = std::max(most, figures.heights);
@@ -159,7 +159,7 @@ TEST(Settled, TellsTheErrorThatABudgetLeaves) {
   Rig rig(built("canyon"));
   rig.pipeline.change(grant(asked, {}));
   const auto camera = standing(*rig.terrain, 1000, 0, 200, 0, -20);
-  settings::Figures figures;
+  settings::IterationStats figures;
   for (int n = 0; n < 400 && !rig.pipeline.settled(); ++n) figures = rig.pipeline.iterate(camera);
   ASSERT_TRUE(rig.pipeline.settled());
   EXPECT_LE(figures.triangles, 20'000u);

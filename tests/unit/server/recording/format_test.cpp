@@ -119,7 +119,7 @@ TEST(RecordingFormat, HostileContentIsRefused) {
   const Bytes claims{14, 3, 0, 1, 16, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0x7f, 0, 0};
   std::span<const std::uint8_t> block = claims;
   EXPECT_FALSE(Decoder().next(block));
-  const Bytes bomb = compress(Bytes(kMostBlockBytes + 1));
+  const Bytes bomb = compress(Bytes(kMaxBlockBytes + 1));
   EXPECT_FALSE(read(asText(bomb)).isWhole);
 }
 
@@ -149,7 +149,7 @@ TEST(RecordingFormat, WhatNobodyKnowsIsNotWritten) {
   Bytes out;
   EXPECT_FALSE(encoder.put({0, Iterated{3}}, out));
   EXPECT_FALSE(encoder.put({0, Left{3}}, out));
-  EXPECT_FALSE(encoder.put({0, Edited{1, "", std::string(kMostRecordBytes, 'x')}}, out));
+  EXPECT_FALSE(encoder.put({0, Edited{1, "", std::string(kMaxRecordBytes, 'x')}}, out));
   EXPECT_TRUE(out.empty());
 }
 

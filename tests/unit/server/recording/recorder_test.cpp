@@ -36,7 +36,7 @@ class RecorderTest : public testing::Test {
   }
   void note(Observer& observer, const Record& record) { observer.note(start + std::chrono::microseconds(record.time), record.event); }
   static void waitFor(const Recorder& recorder) {  // it writes at once what is beyond a quarter of what may wait
-    EXPECT_TRUE(testing_support::await([&] { return recorder.usage().waitingBytes < Recorder::kMostWaiting / 2; }));
+    EXPECT_TRUE(testing_support::await([&] { return recorder.usage().waitingBytes < Recorder::kMaxWaiting / 2; }));
   }
   std::vector<std::vector<fs::path>> recordings() const { return recordingsAt(folder).value(); }
   // Of all parts at one time, while they come and go: until two listings agree.
@@ -176,18 +176,18 @@ TEST_F(RecorderTest, TheOldestPartsGo) {
 
 TEST_F(RecorderTest, WhatCannotBeKeptEndsTheRecordingAlone) {
   {
-    const auto recorder = Recorder::open(folder, Recorder::kLeastBytes).value();
+    const auto recorder = Recorder::open(folder, Recorder::kMinBytes).value();
     const auto lost = recorder->begin(recordedWorld(), {}, start);
     fs::remove_all(folder);
     lost->note(start, Joined{1, "", {}, {}, {}, 0});
   }
   EXPECT_FALSE(fs::exists(folder));
   {
-    const auto recorder = Recorder::open(folder, Recorder::kLeastBytes).value();
+    const auto recorder = Recorder::open(folder, Recorder::kMinBytes).value();
     World other = recordedWorld();
     other.session = "other";
     const auto big = recorder->begin(other, {}, start);
-    for (std::uint64_t n = 1; n <= 12; ++n) big->note(start, Edited{n, "", noise(Recorder::kLeastBytes / 16)});  // half of the room is 8
+    for (std::uint64_t n = 1; n <= 12; ++n) big->note(start, Edited{n, "", noise(Recorder::kMinBytes / 16)});  // half of the room is 8
     const auto good = recorder->begin(recordedWorld(), {}, start);
     good->note(start, Joined{2, "", {}, {}, {}, 0});
   }
@@ -201,11 +201,11 @@ TEST_F(RecorderTest, WhatCannotBeKeptEndsTheRecordingAlone) {
 // They once began part after part, without end, and deleted all other recordings.
 TEST_F(RecorderTest, KeptEditsThatHaveNoRoomEndTheRecordingAtOnce) {
   std::ofstream(folder / "old.0001.recording") << std::string(300'000, 'x');
-  constexpr std::size_t kPart = Recorder::kLeastBytes / 16;
+  constexpr std::size_t kPart = Recorder::kMinBytes / 16;
   World big = recordedWorld(), named = recordedWorld(), fits = recordedWorld();
   big.session = "big", named.session = "named", fits.session = "fits";
   {
-    const auto recorder = Recorder::open(folder, Recorder::kLeastBytes).value();
+    const auto recorder = Recorder::open(folder, Recorder::kMinBytes).value();
     std::vector<Edited> large, byNames;
     for (std::uint64_t n = 1; n <= 12; ++n) large.push_back({n, "", noise(kPart)});
     for (std::uint64_t n = 1; n <= 12 * kPart / 64; ++n) byNames.push_back({n, noise(64), ""});
@@ -221,7 +221,7 @@ TEST_F(RecorderTest, KeptEditsThatHaveNoRoomEndTheRecordingAtOnce) {
 }
 
 TEST_F(RecorderTest, AFloodEndsTheRecordingInsteadOfWaiting) {
-  constexpr std::size_t kEdit = Recorder::kMostWaiting / 8;
+  constexpr std::size_t kEdit = Recorder::kMaxWaiting / 8;
   {
     const auto recorder = Recorder::open(folder, 1 << 30).value();
     const auto observer = recorder->begin(recordedWorld(), {}, start);
@@ -279,9 +279,9 @@ TEST_F(RecorderTest, EditsAreKeptOnceBesideTheParts) {
 // They are the last to go, also when a later run makes the room.
 TEST_F(RecorderTest, EditsGoAfterThePartsThatNeedThem) {
   {
-    const auto recorder = Recorder::open(folder, Recorder::kLeastBytes).value();
+    const auto recorder = Recorder::open(folder, Recorder::kMinBytes).value();
     const auto observer = recorder->begin(recordedWorld(), {{1, "", noise(1000)}}, start);
-    for (std::uint64_t n = 2; n <= 4; ++n) observer->note(start, Edited{n, "", noise(Recorder::kLeastBytes / 8)});
+    for (std::uint64_t n = 2; n <= 4; ++n) observer->note(start, Edited{n, "", noise(Recorder::kMinBytes / 8)});
   }
   const auto parts = recordings().at(0);
   ASSERT_GT(parts.size(), 1u);
@@ -290,7 +290,7 @@ TEST_F(RecorderTest, EditsGoAfterThePartsThatNeedThem) {
   fs::last_write_time(kept, later - std::chrono::hours(1));  // it was not written again
   World other = recordedWorld();
   other.session = "other";
-  const auto recorder = Recorder::open(folder, Recorder::kLeastBytes).value();
+  const auto recorder = Recorder::open(folder, Recorder::kMinBytes).value();
   const auto observer = recorder->begin(other, {}, start);
   constexpr std::size_t kBlock = 264 << 10;  // written at once
   for (std::uint64_t k = 1; k <= 4 && fs::exists(kept); ++k) {

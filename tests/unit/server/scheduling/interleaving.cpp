@@ -369,7 +369,7 @@ Report tryAll(const std::function<void()>& scenario, const void** perThread, con
       graph.edges.push_back({here.state, state, choice});
       if (world.broken) return told(scheduler.report(std::string("Broken: ") + world.broken + ", after", first, graph.pathTo(state)));
       if (!isNew) continue;
-      if (graph.states.size() > kMostStates) return told("There are more states than are tried.");
+      if (graph.states.size() > kMaxStates) return told("There are more states than are tried.");
       if (!Scheduler::hasEnded())
         open.push_back({state, save()});
       else if (graph.end == kNone)

@@ -20,7 +20,7 @@
 
 namespace ridgecast::interleaving {
 
-inline constexpr std::size_t kThreads = 8, kMostStates = 1'000'000;
+inline constexpr std::size_t kThreads = 8, kMaxStates = 1'000'000;
 
 // The functions and classes are for the threads of a scenario, tryAll() alone is not.
 

@@ -314,7 +314,7 @@ TEST(Interleaving, WhoIsRousedFindsWhatComes) {
     const auto pool = executor.makePool(2), other = executor.makePool(1);
     int done = 0, come = 0;
     begin();
-    pool->rouse();
+    pool->wakeOne();
     other->post([&] {
       until([&] { return come == 2; }, "the turns have met");
       ++done;

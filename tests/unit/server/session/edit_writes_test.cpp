@@ -313,7 +313,7 @@ TEST(EditPages, WaitForWhoDoesNotReadAndAreCodedOnceForAll) {
     for (const auto& client : clients) EXPECT_EQ(client->pages.at(page).get(), clients[0]->pages[page].get()) << "coded once";
     const auto message = testing_support::decoded(*clients[0]->pages[page]);
     for (const wire::MadeEdit& made : std::get<wire::Edited>(message).edits) EXPECT_EQ(made.number, ++followed);
-    EXPECT_LE(clients[0]->pages[page]->size(), EditPages::kMostBytes + 10'000);
+    EXPECT_LE(clients[0]->pages[page]->size(), EditPages::kMaxBytes + 10'000);
     for (const auto& client : clients) client->read();
     run(100);
   }

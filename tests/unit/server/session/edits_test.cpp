@@ -65,12 +65,12 @@ TEST(Edits, AreMadeInTheOrderOfTheirNumbersAndSayWhatTheyChanged) {
 
 TEST(Edits, WhoMissedManyIsToldFewAreasThatHoldThemAll) {
   Rig rig;
-  const int many = static_cast<int>(Edits::kMostAreas) + 40;
+  const int many = static_cast<int>(Edits::kMaxAreas) + 40;
   std::future<Outcome<std::uint64_t>> last;
   for (int k = 0; k < many; ++k) last = rig.ask(craterAt(40 * k));
   ASSERT_TRUE(last.get());
   const Edits::News news = rig.edits->since(0);
-  EXPECT_EQ(news.changed.size(), Edits::kMostAreas);
+  EXPECT_EQ(news.changed.size(), Edits::kMaxAreas);
   for (int k = 0; k < many; ++k)
     EXPECT_TRUE(std::ranges::any_of(news.changed, [&](const lattice::Area& a) { return a.holds({m(40 * k), 0}); })) << k;
 }
@@ -85,13 +85,13 @@ TEST(Edits, WhatWaitsIsBounded) {
   }));
   began.get_future().wait();  // or edits would go ahead
   std::vector<std::future<Outcome<std::uint64_t>>> waiting;
-  for (std::size_t k = 0; k < Edits::kMostWaiting; ++k) waiting.push_back(rig.ask(craterAt(static_cast<double>(k))));
+  for (std::size_t k = 0; k < Edits::kMaxWaiting; ++k) waiting.push_back(rig.ask(craterAt(static_cast<double>(k))));
   const auto refused = rig.ask(craterAt(0)).get();  // at once
   ASSERT_FALSE(refused);
   EXPECT_NE(refused.error().message.find("256"), std::string::npos);
   go.set_value();
   for (auto& one : waiting) EXPECT_TRUE(one.get());
-  EXPECT_EQ(rig.edits->ground().edit, Edits::kMostWaiting);
+  EXPECT_EQ(rig.edits->ground().edit, Edits::kMaxWaiting);
 }
 
 TEST(Edits, ACamerasMeshFollowsAndSaysSo) {
@@ -138,7 +138,7 @@ TEST(Edits, ACamerasMeshFollowsAndSaysSo) {
 
 TEST(Edits, OfOnlySoManySessionsAreKept) {
   const testing_support::ScratchFolder folder;
-  for (std::size_t k = 1; k < kMostKept; ++k) std::ofstream(folder / ("s" + std::to_string(k) + ".edits"));
+  for (std::size_t k = 1; k < kMaxKept; ++k) std::ofstream(folder / ("s" + std::to_string(k) + ".edits"));
   scheduling::Executor executor(1);
   auto resources = std::make_shared<Resources>();
   resources->executor = &executor;
@@ -222,7 +222,7 @@ TEST(Edits, OneClientBeginsHalfOfTheSessionsThatAreKept) {
     auto clients = edit_log::Database::open(folder / edit_log::kClientsFile, SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE).value();
     clients.run("BEGIN; CREATE TABLE clients(log TEXT PRIMARY KEY, client TEXT NOT NULL) WITHOUT ROWID").value();
     auto insert = clients.prepare("INSERT INTO clients VALUES(?1, 'token of lab')").value();
-    for (std::size_t k = 0; k < kMostKept / 2; ++k) {
+    for (std::size_t k = 0; k < kMaxKept / 2; ++k) {
       const std::string log = "s" + std::to_string(k) + ".edits";
       std::ofstream(folder / log).flush();
       insert.run(std::string_view(log)).value();
@@ -254,7 +254,7 @@ TEST(Edits, KeysThatWaitAreJoinedAndPaidForOnce) {
   std::vector<std::future<Edits::Answer>> same, others;
   const edits::Operation dear{edits::Raise{{0, 0}, m(256), m(1), 1}, 0};  // a quarter of a second
   for (int k = 0; k < 50; ++k) same.push_back(payer.ask(dear, "k"));
-  for (std::size_t k = 1; k < Edits::kMostWaitingOfOne; ++k) others.push_back(payer.ask(craterAt(static_cast<double>(k))));
+  for (std::size_t k = 1; k < Edits::kMaxWaitingOfOne; ++k) others.push_back(payer.ask(craterAt(static_cast<double>(k))));
   same.push_back(payer.ask(dear, "k"));  // also when there is no place left
   const auto another = payer.ask(craterAt(0), "k").get();
   ASSERT_FALSE(another);
@@ -286,7 +286,7 @@ TEST(Edits, OfOneClientTakeHalfOfThePlaces) {
   Payer payer;
   payer.hold();
   std::vector<std::future<Edits::Answer>> own;
-  for (std::size_t k = 0; k < Edits::kMostWaitingOfOne; ++k)
+  for (std::size_t k = 0; k < Edits::kMaxWaitingOfOne; ++k)
     own.push_back(payer.ask(craterAt(static_cast<double>(k)), "", {"token of lab", "n" + std::to_string(k)}));
   const auto refused = payer.ask(craterAt(0)).get();
   ASSERT_FALSE(refused);

@@ -58,7 +58,7 @@ class GroundsTest : public testing::Test {
     return std::make_shared<Grounds>([this] { return Ground{terrain_, 0}; }, budget, queue, listener, testing_support::kTimeout);
   }
   scheduling::Executor executor{2};
-  std::shared_ptr<PlaceQueue> queue = Questions(executor).grounds;
+  std::shared_ptr<PlaceQueue> queue = QueryQueues(executor).grounds;
   std::shared_ptr<GroundListener> listener = std::make_shared<GroundListener>();
   std::shared_ptr<const terrain::Terrain> terrain_;
 };
@@ -109,7 +109,7 @@ TEST_F(GroundsTest, CoversTheCircleWithinTheErrorItStates) {
 TEST_F(GroundsTest, ALargeGroundLeavesOthersTheirTurns) {
   scheduling::Executor one(1);
   terrain_ = terrain::create("alpine", 5).value();
-  const auto grounds = std::make_shared<Grounds>([this] { return Ground{terrain_, 0}; }, 500'000, Questions(one).grounds, listener);
+  const auto grounds = std::make_shared<Grounds>([this] { return Ground{terrain_, 0}; }, 500'000, QueryQueues(one).grounds, listener);
   ASSERT_TRUE(grounds->ask({1, {0, 0}, 4096, 0.02}));
   const auto honest = one.makePool();
   for (int k = 0; k < 50; ++k) {
@@ -212,7 +212,7 @@ TEST_F(GroundsTest, AQuestionHasOneDeadline) {
 TEST_F(GroundsTest, FewerAreInWorkThanThereAreThreads) {
   for (const unsigned threads : {1u, 4u}) {
     scheduling::Executor some(threads);
-    const auto shared = Questions(some).grounds;
+    const auto shared = QueryQueues(some).grounds;
     EXPECT_EQ(shared->places(), std::max(1u, threads - 1));
     terrain_ = terrain::create("alpine", 5).value();
     std::vector<std::shared_ptr<Grounds>> cameras;

@@ -154,7 +154,7 @@ TEST_F(SessionTest, PlacesAreBoundedAndGivenBack) {
 
 TEST(Budgets, BytesOfEditsHaveABudget) {
   Budgets budgets;
-  const edits::Operation small{edits::Raise{{0, 0}, edits::kLeastRadius, 0, 256}, 0};
+  const edits::Operation small{edits::Raise{{0, 0}, edits::kMinRadius, 0, 256}, 0};
   const conversation::Budget::Clock::time_point begin{1h}, end = begin + 10s;
   constexpr std::size_t kBytes = 128u << 10;
   std::uint64_t made = 0;
@@ -169,11 +169,11 @@ TEST(Budgets, BytesOfEditsHaveABudget) {
 // Connections come and go, as with HTTP: each asks for its client's budgets, spends, and lets them go.
 TEST(Budgets, OfAClientAreForgottenWhenTheyAreFullAndNotBefore) {
   const auto places = std::make_shared<Places>(1, 0);
-  const edits::Operation small{edits::Raise{{0, 0}, edits::kLeastRadius, 0, 256}, 0};
+  const edits::Operation small{edits::Raise{{0, 0}, edits::kMinRadius, 0, 256}, 0};
   const conversation::Budget::Clock::time_point begin{1h}, end = begin + 10s;
   std::uint64_t made = 0;
   for (auto now = begin; now < end; now += 1ms) made += places->budgetsOf("a", now)->spendEdit(small, 100, now) ? 1 : 0;
-  constexpr std::uint64_t kASecond = kEditedPostsPerSecond / kLeastEditedPosts;
+  constexpr std::uint64_t kASecond = kEditedPostsPerSecond / kMinEditedPosts;
   EXPECT_GE(made, 10 * kASecond);
   EXPECT_LE(made, 10 * kASecond + kASecond / 2 + 1) << "a quarter of a second that was saved up, and one that is owed";
 

@@ -108,7 +108,7 @@ TEST_F(SessionTest, AClientThatResumesDoesNotWaitForLong) {
   // The mesh never rests.
   script->next = [](int n, const camera::Camera&) { return Script::State{{{kA, n}, {kB, 2}, {kC, 1}}, false}; };
   for (const Case& c :
-       {Case{"most of it is held", kB, wire::Pacing::kFree, 0, conversation::kMostUnsent + 1},
+       {Case{"most of it is held", kB, wire::Pacing::kFree, 0, conversation::kMaxUnsent + 1},
         Case{"little of it is held", {0, 5, 5}, wire::Pacing::kFree, 0, 1}, Case{"lock-step", kB, wire::Pacing::kLockstep, 0, 1},
         Case{"a budget, for which an iteration cannot be large", kB, wire::Pacing::kFree, 1'000'000, 1}}) {
     client = std::make_shared<Client>();

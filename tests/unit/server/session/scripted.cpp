@@ -29,14 +29,14 @@ class ScriptedMesh final : public IteratingMesh {
   explicit ScriptedMesh(std::shared_ptr<Script> script) : script_(std::move(script)) { ++script_->alive; }
   ~ScriptedMesh() override { --script_->alive; }
 
-  wire::Figures iterate(const camera::Camera& camera) override {
+  wire::IterationStats iterate(const camera::Camera& camera) override {
     state_ = script_->next(++script_->iterations, camera);
     leaves_.clear();
     for (const auto& [address, content] : state_.leaves) {
       const auto leaf = contentOf(address, content);
       leaves_.push_back({address, ++versions_, mesh::hashLeaf(leaf), static_cast<std::uint32_t>(leaf.triangles.size())});
     }
-    wire::Figures figures;
+    wire::IterationStats figures;
     figures.leaves = static_cast<std::uint32_t>(leaves_.size());
     return figures;
   }

@@ -288,7 +288,7 @@ TEST_F(SessionTest, OtherSettingsAreGrantedAndMakeTheNextIteration) {
   EXPECT_EQ(granted.metric, wire::Metric::kPixels);
   EXPECT_EQ(granted.threshold, 0.05);
   EXPECT_EQ(granted.triangleBudget, 2'000'000u);
-  EXPECT_EQ(granted.bytesPerSecond, kLeastBytesPerSecond);
+  EXPECT_EQ(granted.bytesPerSecond, kMinBytesPerSecond);
   EXPECT_THAT(script->changes, testing::ElementsAre(std::pair(1, granted)));
 }
 

@@ -67,7 +67,7 @@ TEST(Simulated, AMemberIsNotifiedTwentyTimesASecondAndOfTheLastPose) {
   timer.advance(1s);
   EXPECT_GE(watcher->times.size(), 199u);
   EXPECT_LE(watcher->times.size(), 202u);
-  for (std::size_t k = 1; k < watcher->times.size(); ++k) EXPECT_GE(watcher->times[k] - watcher->times[k - 1], Presence::kLeastPause);
+  for (std::size_t k = 1; k < watcher->times.size(); ++k) EXPECT_GE(watcher->times[k] - watcher->times[k - 1], Presence::kMinPause);
   EXPECT_EQ(watcher->last, kPoses);
   EXPECT_TRUE(other->times.empty());
   EXPECT_EQ(timer.pending(), 0u) << "nothing runs while nothing changes";
@@ -80,14 +80,14 @@ TEST(Simulated, NewsOfMembersTakeAQuarterOfABudgetOfBytes) {
   hello.members = true;
   const auto watcher = std::make_shared<Watcher>(timer), other = std::make_shared<Watcher>(timer);
   presence->join(1, hello, watcher, {});
-  presence->setBudget(1, kLeastBytesPerSecond);
+  presence->setBudget(1, kMinBytesPerSecond);
   presence->join(2, {}, other, {});
   for (std::uint64_t k = 1; k <= 1'000; ++k) {
     presence->receive(2, {k, {}, std::vector<std::uint8_t>(wire::kMaxStateBytes)});
     timer.advance(10ms);
   }
-  EXPECT_GT(watcher->bytes, 8 * kLeastBytesPerSecond / 4);
-  EXPECT_LT(watcher->bytes, 11 * kLeastBytesPerSecond / 4);
+  EXPECT_GT(watcher->bytes, 8 * kMinBytesPerSecond / 4);
+  EXPECT_LT(watcher->bytes, 11 * kMinBytesPerSecond / 4);
   timer.advance(1s);
   EXPECT_EQ(watcher->last, 1'000u);
   const std::size_t taken = presence->takeBytes(1);
@@ -103,8 +103,7 @@ TEST(Simulated, AllMembersFitIntoOneMessage) {
       .x = -lattice::kMaxPosition, .z = -lattice::kMaxPosition, .remainderX = 0, .remainderZ = 0, .y = 1, .yaw = 1, .pitch = 1};
   pose.camera.projection = {.verticalFov = 1, .width = 32'768, .height = 32'768};
   wire::Members all;
-  all.joined.assign(kMostMembers,
-                    {~0ull, wire::Role::kSensor, std::string(wire::kMaxNameBytes, 'n'), wire::Moved{0, pose, wire::kMaxTime}});
+  all.joined.assign(kMaxMembers, {~0ull, wire::Role::kSensor, std::string(wire::kMaxNameBytes, 'n'), wire::Moved{0, pose, wire::kMaxTime}});
   EXPECT_LE(wire::encode(wire::ServerMessage(std::move(all))).size(), wire::kMaxSmallMessageBytes);
 }
 

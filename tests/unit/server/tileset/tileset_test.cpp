@@ -294,7 +294,7 @@ TEST(Tileset, CliffsBecomeRampsAndTheGroundBesideThemKeepsItsError) {
 }
 
 TEST(Tileset, ReachDecidesWhatIsCovered) {
-  for (const double reach : {kLeastReach, 3'000.0, kUsualReach, kMostReach}) {
+  for (const double reach : {kMinReach, 3'000.0, kUsualReach, kMaxReach}) {
     Question question{.middle = {12'345, -67'890}, .where = {earth::Place{}, earth::Heights::kEllipsoid}, .reach = reach};
     const Json set = Json::parse(rootTileset(*alpine(), question, ""));
     const Box box = boxOf(set["root"], {});

@@ -163,11 +163,11 @@ TEST(HeldEdits, HoldTheNearestOfMany) {
   held.moveTo({0, 0});
   held.know(session.last());
   session.complete(held);
-  EXPECT_EQ(held.squares().size(), HeldEdits::kMostHeld);
+  EXPECT_EQ(held.squares().size(), HeldEdits::kMaxHeld);
   EXPECT_NE(held.layer()->riseAt(64, 64), 0);
   held.moveTo({m(1200), m(1200)});
   session.complete(held);
-  EXPECT_EQ(held.squares().size(), HeldEdits::kMostHeld);
+  EXPECT_EQ(held.squares().size(), HeldEdits::kMaxHeld);
   EXPECT_NE(held.layer()->riseAt(256 * 9 + 64, 256 * 9 + 64), 0);
 }
 

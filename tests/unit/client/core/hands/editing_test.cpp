@@ -125,8 +125,8 @@ TEST(Editing, ARoadHasTheCornersThatWereClickedAndNoDoubleClickTwice) {
   editing.endRoad();
   EXPECT_EQ(page.sent.size(), 1u) << "another tool leaves the road";
   editing.choose(Tool::kRoad);
-  for (std::size_t k = 0; k < edits::kMostCorners + 5; ++k) editing.use(place(static_cast<double>(k), 0));
-  EXPECT_EQ(editing.corners().size(), edits::kMostCorners);
+  for (std::size_t k = 0; k < edits::kMaxCorners + 5; ++k) editing.use(place(static_cast<double>(k), 0));
+  EXPECT_EQ(editing.corners().size(), edits::kMaxCorners);
   EXPECT_NE(page.said.back().find("at most 256 corners"), std::string::npos);
 }
 
@@ -196,12 +196,12 @@ TEST(Editing, WhatIsNotAnsweredGoesAgainOverTheNextConnectionWithItsKeyAFewTimes
 TEST(Editing, OnlySoManyWait) {
   Page page;
   page.editing.choose(Tool::kRoad);
-  for (std::size_t k = 0; k <= Editing::kMostOpen; ++k) {
+  for (std::size_t k = 0; k <= Editing::kMaxOpen; ++k) {
     page.editing.use(place(0, 0));
     page.editing.use(place(10, 0));
     page.editing.endRoad();
   }
-  EXPECT_EQ(page.sent.size(), Editing::kMostOpen);
+  EXPECT_EQ(page.sent.size(), Editing::kMaxOpen);
   EXPECT_NE(page.said.back().find("try again in a moment"), std::string::npos);
   EXPECT_EQ(page.editing.corners().size(), 2u) << "the road that was refused is still there";
 }

@@ -17,18 +17,18 @@
 #include "common/transport/channel.h"
 #include "server/access/limits.h"
 #include "server/http/request_filter.h"
-#include "server/net/bodies.h"
+#include "server/net/request_body_budget.h"
 #include "server/net/server.h"
 #include "server/session/session.h"
 
 namespace ridgecast::net {
 
 using ridgecast::http::Answer;
+using ridgecast::http::BodyHandler;
+using ridgecast::http::DeferredResponse;
 using ridgecast::http::Jobs;
 using ridgecast::http::kSubprotocol;
-using ridgecast::http::Later;
 using ridgecast::http::namesEtag;
-using ridgecast::http::OfBody;
 using ridgecast::http::plain;
 using ridgecast::http::queryParameter;
 using ridgecast::http::refused;
@@ -57,14 +57,14 @@ class OpenStream {
 
 // A queue of work for answers.
 struct Work {
-  Work(const Jobs::Limits& limits, const metrics::Figures::Work& f) : jobs(limits), figures(f) {}
+  Work(const Jobs::Limits& limits, const metrics::Metrics::Work& f) : jobs(limits), figures(f) {}
   Jobs jobs;
-  const metrics::Figures::Work figures;
+  const metrics::Metrics::Work figures;
 };
 
 // Shared by all connections. Outlives them.
-struct Shared {
-  Shared(const Settings& s, std::shared_ptr<session::Directory> d, std::vector<Route> r)
+struct ServerContext {
+  ServerContext(const Settings& s, std::shared_ptr<session::Directory> d, std::vector<Route> r)
       : settings(s),
         directory(std::move(d)),
         routes(std::move(r)),
@@ -78,7 +78,7 @@ struct Shared {
   const Settings settings;
   const std::shared_ptr<session::Directory> directory;
   std::vector<Route> routes;  // constant once connections are accepted
-  const std::shared_ptr<metrics::Figures> figures;
+  const std::shared_ptr<metrics::Metrics> figures;
   RequestFilter filter;
   access::ConnectionsByAddress connectionsByAddress;
   std::atomic<bool> ready{true};         // as /readyz says
@@ -88,7 +88,7 @@ struct Shared {
   std::atomic<std::uint32_t> admins{0};     // connections of the admin port
   std::atomic<std::size_t> answerBytes{0};  // of computed bodies, until they are sent
   Work prompt, tiles, patient, worlds;
-  const std::shared_ptr<Bodies> bodies = std::make_shared<Bodies>();
+  const std::shared_ptr<RequestBodyBudget> bodies = std::make_shared<RequestBodyBudget>();
   std::atomic<bool> reloaded{true};          // the last reload succeeded
   std::atomic<double> certificateExpiry{0};  // seconds since 1970; 0: no TLS
 
@@ -99,19 +99,19 @@ struct Shared {
 };
 
 // Counts a connection while it lives.
-class Counted {
+class ConnectionSlot {
  public:
   // Of those that are too many at most kTurnedAtATime get an answer.
   enum class Kind { kServed, kTooMany, kTooManyOfAddress, kAdmin };
 
   // `place`: among the connections of its address. Empty behind a proxy, whose clients are counted by request.
-  Counted(std::shared_ptr<Shared> shared, Kind kind, std::optional<access::ConnectionsByAddress::Place> place)
+  ConnectionSlot(std::shared_ptr<ServerContext> shared, Kind kind, std::optional<access::ConnectionsByAddress::Place> place)
       : shared_(std::move(shared)), kind_(kind), place_(std::move(place)) {
     ++number();
   }
-  Counted(Counted&&) = default;
-  Counted& operator=(Counted&&) = delete;
-  ~Counted() {
+  ConnectionSlot(ConnectionSlot&&) = default;
+  ConnectionSlot& operator=(ConnectionSlot&&) = delete;
+  ~ConnectionSlot() {
     if (shared_) expects(number()-- > 0, "a connection that ends was counted");
   }
   Kind kind() const { return kind_; }
@@ -132,7 +132,7 @@ class Counted {
     return kind_ == Kind::kServed ? shared_->connections : kind_ == Kind::kAdmin ? shared_->admins : shared_->turned;
   }
 
-  std::shared_ptr<Shared> shared_;
+  std::shared_ptr<ServerContext> shared_;
   Kind kind_;
   std::optional<access::ConnectionsByAddress::Place> place_;
 };

@@ -62,7 +62,7 @@ class SharedBudget {
 
 // Limits how fast one client's iterations leave, by their bytes. Detail is what a slow connection postpones: an iteration may insert as
 // many vertices as probably fit into a quarter of a second.
-class Pace : public Budget {
+class ByteRate : public Budget {
  public:
   // Vertices that the next iteration may insert. Depends on what was sent, not on the clock, so lock-step stays reproducible.
   std::uint32_t insertions() const {
@@ -89,12 +89,12 @@ class Pace : public Budget {
 // they do, and where one is late, as many as would have been in time, at most half (after Chiu and Jain 1989); while no poses come, twice
 // as many from iteration to iteration. The first pose, or one after a rest, is not hurried: seen from one pose, a new mesh comes out the
 // same each time. Fewer vertices also touch fewer leaves, which then need no extracting and coding; without this, who is late has flown
-// farther, has more to do and is later still. A late iteration that inserted at most kLeast changes nothing: it is not detail that takes
+// farther, has more to do and is later still. A late iteration that inserted at most kMin changes nothing: it is not detail that takes
 // the time.
-class Tempo {
+class InsertionRate {
  public:
   using Time = std::chrono::steady_clock::time_point;
-  static constexpr std::uint32_t kLeast = 16, kMost = 1u << 20;
+  static constexpr std::uint32_t kMin = 16, kMax = 1u << 20;
 
   std::uint32_t insertions() const { return insertions_; }
 
@@ -114,16 +114,16 @@ class Tempo {
                  time = kShare * std::max(interval_, kFastest);
     const bool rests = !answers_ && std::chrono::duration<double>(now - last_).count() > kSlowest;
     if (took <= time)
-      insertions_ = std::min(kMost, insertions_ + (rests ? insertions_ : std::max(insertions_ / 8, 2u)));
-    else if (inserted > kLeast)
-      insertions_ = std::max(kLeast, static_cast<std::uint32_t>(std::min(insertions_, inserted) * std::clamp(time / took, 0.0625, 0.5)));
+      insertions_ = std::min(kMax, insertions_ + (rests ? insertions_ : std::max(insertions_ / 8, 2u)));
+    else if (inserted > kMin)
+      insertions_ = std::max(kMin, static_cast<std::uint32_t>(std::min(insertions_, inserted) * std::clamp(time / took, 0.0625, 0.5)));
   }
 
  private:
   static constexpr double kShare = 0.75;                    // of the time between poses
   static constexpr double kFastest = 0.05, kSlowest = 0.3;  // seconds between poses; those farther apart do not count
 
-  std::uint32_t insertions_ = kMost;
+  std::uint32_t insertions_ = kMax;
   double interval_ = 0.1;
   Time last_{};
   std::optional<Time> waitsSince_;  // the first pose since the last iteration began, but for one after a rest

@@ -1,5 +1,5 @@
 #pragma once
-// Room for the bodies of requests, from when their bytes come until the answer is sent: kMost bytes in all, half of them of one client.
+// Room for the bodies of requests, from when their bytes come until the answer is sent: kMax bytes in all, half of them of one client.
 // Any thread. Private to the room.
 
 #include <cstddef>
@@ -14,15 +14,15 @@
 
 namespace ridgecast::net {
 
-class Bodies {
+class RequestBodyBudget {
  public:
-  static constexpr std::size_t kMost = std::size_t{64} << 20;
+  static constexpr std::size_t kMax = std::size_t{64} << 20;
   enum class Full { kAll, kShare };
 
   // Of one body, given back with it.
   class Room {
    public:
-    Room(std::shared_ptr<Bodies> bodies, std::string client) : bodies_(std::move(bodies)), client_(std::move(client)) {}
+    Room(std::shared_ptr<RequestBodyBudget> bodies, std::string client) : bodies_(std::move(bodies)), client_(std::move(client)) {}
     ~Room() { bodies_->give(client_, bytes_); }
     Room(const Room&) = delete;
     Room& operator=(const Room&) = delete;
@@ -35,7 +35,7 @@ class Bodies {
     }
 
    private:
-    const std::shared_ptr<Bodies> bodies_;
+    const std::shared_ptr<RequestBodyBudget> bodies_;
     const std::string client_;
     std::size_t bytes_ = 0;
   };
@@ -45,8 +45,8 @@ class Bodies {
     if (bytes == 0) return {};
     const std::lock_guard lock(mutex_);
     const auto own = byClient_.find(client);
-    if (bytes + (own == byClient_.end() ? 0 : own->second) > kMost / 2) return Full::kShare;
-    if (bytes + all_ > kMost) return Full::kAll;
+    if (bytes + (own == byClient_.end() ? 0 : own->second) > kMax / 2) return Full::kShare;
+    if (bytes + all_ > kMax) return Full::kAll;
     all_ += bytes;
     byClient_[client] += bytes;
     return {};

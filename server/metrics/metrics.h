@@ -78,10 +78,10 @@ inline constexpr std::array<std::string_view, 23> kRefusalNames{
 
 constexpr std::string_view name(Refusal reason) { return kRefusalNames[static_cast<std::size_t>(reason)]; }
 
-struct Figures {
-  Figures();
+struct Metrics {
+  Metrics();
   void refused(Refusal reason) { refusals[static_cast<std::size_t>(reason)]->Increment(); }
-  void iterated(const settings::Figures& figures);  // one iteration, its encoding included
+  void iterated(const settings::IterationStats& figures);  // one iteration, its encoding included
 
   Registry registry;  // first: the others are its
   Counter &iterations, &iterationsSent, &iterationsLate, &inserted, &removed, &heights;

@@ -1,4 +1,4 @@
-#include "server/metrics/figures.h"
+#include "server/metrics/metrics.h"
 
 #include <prometheus/text_serializer.h>
 #include <sys/resource.h>
@@ -66,7 +66,7 @@ std::string Registry::text() const {
   return prometheus::TextSerializer().Serialize(families);
 }
 
-Figures::Figures()
+Metrics::Metrics()
     : iterations(registry.counter("ridgecast_iterations_total", "Iterations of all cameras.")),
       iterationsSent(registry.counter("ridgecast_iterations_sent_total", "Iterations that were sent to a client.")),
       iterationsLate(registry.counter("ridgecast_iterations_late_total", "Iterations sent when a newer pose had come already.")),
@@ -97,18 +97,18 @@ Figures::Figures()
                    [now = std::chrono::duration<double>(std::chrono::system_clock::now().time_since_epoch()).count()] { return now; });
 }
 
-void Figures::answered(const std::string& route, unsigned status) {
+void Metrics::answered(const std::string& route, unsigned status) {
   registry.counter("ridgecast_http_requests_total", "HTTP requests answered.", {{"route", route}, {"status", std::to_string(status)}})
       .Increment();
 }
 
-Figures::Work Figures::work(const std::string& queue) {
+Metrics::Work Metrics::work(const std::string& queue) {
   return {
       registry.histogram("ridgecast_queue_wait_seconds", "How long work for HTTP answers waited for a thread.", kWork, {{"queue", queue}}),
       registry.histogram("ridgecast_work_seconds", "How long it then took.", kWork, {{"queue", queue}})};
 }
 
-void Figures::iterated(const settings::Figures& f) {
+void Metrics::iterated(const settings::IterationStats& f) {
   iterations.Increment();
   inserted.Increment(f.inserted);
   removed.Increment(f.removed);
