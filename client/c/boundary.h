@@ -1,6 +1,5 @@
 #pragma once
-// The boundary between C and C++: no exception passes it, statuses and sentences do. Structs with `size` may be shorter or longer than
-// ours.
+// The boundary between C and C++: exceptions become statuses and messages here. Structs with `size` may be shorter or longer than ours.
 
 #include <algorithm>
 #include <chrono>
@@ -36,7 +35,7 @@ struct rc_world {
 
 namespace ridgecast::c {
 
-// Leaves the sentence for rc_message().
+// Stores the message for rc_message().
 rc_status fail(rc_status status, std::string message);
 rc_status fail(const world::Failure& failure);
 

@@ -1,7 +1,7 @@
 #pragma once
-// Flies a camera path without a window against a running server, and measures: the mesh held against a ray march of the same camera.
-// In lock-step a lost connection ends the flight with an error: results on both sides of a gap would not be those of one flight. By the
-// clock the flight goes on with what is held, and with the server once it is back, also over another world.
+// Flies a camera path without a window against a running server, and compares the mesh held with a ray march of the same camera. In
+// lock-step a lost connection ends the flight with an error: results before and after a gap would not belong to one flight. By the clock
+// the flight continues with what is held, and with the server once it is back, even with another world.
 
 #include <cstdint>
 #include <filesystem>

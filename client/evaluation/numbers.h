@@ -12,7 +12,7 @@ namespace ridgecast::evaluation {
 
 inline constexpr double kNothing = std::numeric_limits<double>::quiet_NaN();  // what was not measured
 
-// The greater of two in the middle; of none: kNothing.
+// The upper median; of none: kNothing.
 inline double median(std::vector<double> values) {
   if (values.empty()) return kNothing;
   const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);

@@ -1,8 +1,8 @@
 #pragma once
 // A flight without a window: the camera follows a path over a server's terrain, and an observer measures. Knows no pictures.
 //
-// In lock-step, one pose and its iteration, the same flight gives the same meshes on any machine; it ends with the connection. By the clock
-// it goes on with what is held while the connection is lost.
+// In lock-step (one pose, one iteration), the same flight gives the same meshes on any machine, and ends with the connection. By the clock
+// it continues with what is held while the connection is lost.
 
 #include <chrono>
 #include <cstdint>
@@ -19,7 +19,7 @@
 
 namespace ridgecast::flight {
 
-// Errors of an observer end the flight. Its time is not the flight's: the clock stands still meanwhile.
+// An observer's error ends the flight. Its time does not count: the flight's clock stands still.
 class Observer {
  public:
   // An iteration was applied. `t`: seconds of path time of its pose; `latencyMs`: from sending the pose to having its message.
@@ -50,8 +50,8 @@ class Flight {
   // All of them return the observer's errors, the ground's, and in lock-step those of a server that is gone or does not answer.
   Outcome<void> place(double t);  // looks from there and sends nothing
   Outcome<void> fly();
-  // Repeats the last pose until the server refines nothing any more; false: the settle limit was reached before. By the clock
-  // it is an error that the server has another world; whoever enters that may call this again.
+  // Repeats the last pose until the server has nothing left to refine; false: the settle limit was reached first. By the clock, another
+  // world on the server is an error; after entering that world, this may be called again.
   Outcome<bool> settle();
 
   const camera::Camera& camera() const { return camera_; }

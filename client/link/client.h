@@ -1,5 +1,5 @@
 #pragma once
-// A program's end of a server's stream, whole: a connection that comes back by itself and the mesh that it keeps equal to the server's.
+// The client side of a server's stream: a connection that reconnects by itself, and the mesh, kept equal to the server's.
 //
 //     auto client = link::Client::open(url, hello);
 //     (*client)->send(camera);
@@ -39,8 +39,8 @@ class Client {
  public:
   static Outcome<std::unique_ptr<Client>> open(const core::Url& url, const wire::Hello& hello, const Options& options = {});
 
-  // Where connection().otherWorld(): enters that world with the same hello, in place of the one held. The mesh held is empty then;
-  // sequences go on. Blocks as open() does. Error: as open's; the client stays as it was.
+  // If connection().otherWorld(): enters that world with the same hello, replacing the one held. The mesh is empty then; sequences
+  // continue. Blocks like open(). Error: as open()'s; the client is unchanged.
   Outcome<void> enterOtherWorld();
 
   const core::Scene& scene() const { return follower_.scene(); }
@@ -53,7 +53,7 @@ class Client {
   // wire::kMaxStateBytes.
   std::uint64_t send(const camera::Camera& camera, std::vector<std::uint8_t> state = {});
 
-  // The next iteration; nothing when none came within `timeout`. Why, connection().error() knows.
+  // The next iteration; nothing if none came within `timeout` (connection().error() says why).
   std::optional<Update> receive(std::chrono::milliseconds timeout);
 
   // Receives until an iteration of this pose or a later one has come, and returns it. Errors: the connection is lost, or the server does
@@ -64,12 +64,12 @@ class Client {
   // Error: the server sent no tile, or one that was not requested.
   Outcome<bool> exchangeTiles(core::HeightWindow& window);
 
-  // The same with edits of the ground: takes what has come, and asks for what they lack as of the newest iteration. Does nothing where the
-  // terrain is private or the server does not tell (World::revision below 5).
+  // The same for edits of the ground: takes what has come, and requests what is missing as of the newest iteration. Does nothing if the
+  // terrain is private or the server sends none (World::revision below 5).
   Outcome<bool> exchangeEdits(core::HeldEdits& edits);
 
-  // As receive(), but does not wait for an iteration to come, and at most `soon` until it is decoded. Decoding continues on its own thread,
-  // which calls `ready`; a later call returns the iteration. scene() may be read meanwhile. Makes all leaves: for windows.
+  // Like receive(), but does not wait for an iteration to come, and at most `soon` for it to be decoded. Decoding continues on its own
+  // thread, which calls `ready`; a later call returns the iteration. scene() may be read meanwhile. Makes all leaves: for windows.
   std::optional<Update> poll(std::chrono::milliseconds soon, const std::function<void()>& ready);
 
  private:
@@ -87,7 +87,7 @@ class Client {
   core::Follower follower_;
   std::unique_ptr<Connection> connection_;  // never null
   std::uint64_t sequence_ = 0, resumed_ = 0;
-  std::uint64_t tilesFrom_ = 0, editsFrom_ = 0;  // the reconnection that tiles, and edits, are requested of
+  std::uint64_t tilesFrom_ = 0, editsFrom_ = 0;  // reconnections() when tiles, and edits, were last exchanged
   std::uint64_t edit_ = 0;                       // the newest that the mesh knows
   std::unique_ptr<Decoding> decoding_;
 };

@@ -1,7 +1,7 @@
 #pragma once
-// A connection to a server's stream that comes back when it ends: conversations (core::Reconnector) over a WebSocket, which runs on one
-// thread of its own; the owner's thread sends and receives. Until receive() goes on with the next conversation, the one that ended stays:
-// it sends nothing, and its requests fail.
+// A connection to a server's stream that reconnects when it ends: conversations (core::Reconnector) over a WebSocket, which runs on its own
+// thread; the owner's thread sends and receives. Until receive() switches to the next conversation, the ended one stays: it sends nothing,
+// and its requests fail.
 
 #include <chrono>
 #include <cstddef>
@@ -38,12 +38,12 @@ struct Options {
 
 class Connection {
  public:
-  // Called in receive() when the server is there again: which leaves are held. Must not call the connection.
+  // Called in receive() when the server is back; returns the leaves held. Must not call the connection.
   using Resume = std::function<std::vector<wire::Resume>()>;
 
-  // Connects, says hello, and returns when the world has arrived. Errors: nobody listens there, no answer within the timeout (of a server
+  // Connects, says hello, and returns when the world has arrived. Errors: nothing listens there, no answer within the timeout (of a server
   // that may have to make the world, see Waiting), not a Ridgecast server, refused by the server (its own message). Each says what to try.
-  // Looking up a host's name may take as long as the system's resolver does.
+  // Looking up a host name may take as long as the system's resolver does.
   static Outcome<std::unique_ptr<Connection>> open(const core::Url& url, const wire::Hello& hello, const Options& options = {},
                                                    Resume resume = {});
   ~Connection();  // closes politely, waits at most 200 ms for it
@@ -54,7 +54,7 @@ class Connection {
 
   // Never block, and do nothing while the connection is lost. Later conversations begin with the newest pose. A waiting pose is replaced by
   // a newer one (free pacing) or queued (lock-step, at most core::kMaxPoses: one more ends the connection with an error). A waiting
-  // acknowledgement is replaced by a newer one. Leaves to be sent again are collected, at most what one message holds; more request all.
+  // acknowledgement is replaced by a newer one. Leaves to be resent are collected up to one message's worth; more request all.
   void send(const wire::PoseMessage& pose);
   void acknowledge(const wire::Acknowledge& acknowledge);
   // Before the first pose: leaves that are held (parts of at most wire::kMaxResumeLeaves).
@@ -66,18 +66,18 @@ class Connection {
   // Those that have come since the last call.
   std::vector<wire::HeightTile> takeTiles();
 
-  // Squares of the posts that edits have raised, as tiles above: at most wire::kMaxWantedSquares unanswered; and where there are any: at
-  // most wire::kMaxFinds. They leave only to a server that knows them (World::revision 5).
+  // Squares of edited posts, like tiles above: at most wire::kMaxWantedSquares unanswered; and searches for them: at most wire::kMaxFinds.
+  // Sent only to a server that knows them (World::revision 5).
   void want(const wire::WantSquares& wanted);
   void find(const wire::FindEdits& find);
   core::EditsFound takeEditsFound();
 
-  // The next iteration, in order; nothing when none arrived within `timeout` (0: do not wait) or when the connection has ended for good and
-  // all that came before is taken: then error() says why. The queue holds at most the world's window of iterations and 256 MiB; a
-  // server that sends more is disconnected. A lost connection comes back only while this is called.
+  // The next iteration, in order; nothing if none arrived within `timeout` (0: do not wait), or if the connection has ended for good and
+  // everything received is taken: then error() says why. The queue holds at most the world's window of iterations and 256 MiB; a server
+  // that sends more is disconnected. A lost connection reconnects once this is called.
   std::optional<core::Received> receive(std::chrono::milliseconds timeout);
-  // With hello.members: the other members, as last heard. `version` grows with everything that is heard; while it is `seen`, nothing is
-  // copied and nothing returned.
+  // With hello.members: the other members, as last heard; nothing, without a copy, while `version`, which grows with everything heard, is
+  // still `seen`.
   std::optional<core::Roster> others(std::uint64_t seen = 0) const;
 
   // With hello.clock: the session's clock, requested repeatedly so that it stays good to a fraction of a round trip.
@@ -89,7 +89,7 @@ class Connection {
   void setClock(const wire::SetClock& set);
   void step(const wire::ClockStep& step);
   void stepDone(const wire::StepDone& done);
-  // Whether steps are answered as done when they are heard, for a member that does not follow the clock; at first they are not.
+  // Whether steps are answered as done on receipt, for a member that does not follow the clock; initially off.
   void skipSteps(bool skips);
   // Of the clock's owner: steps no longer wait for this member. Does nothing if the server's version cannot (World::revision below 3).
   void passOver(std::uint64_t camera);
@@ -100,8 +100,8 @@ class Connection {
   std::future<Outcome<wire::Answer>> ask(wire::Query query);
   std::future<Outcome<wire::Ground>> askGround(const wire::AskGround& ask);
 
-  // Changes the ground; sets `id`. The future holds its number once it is made, kept and in everybody's ground, or why not; at most
-  // wire::kMaxEdits are pending at a time. With hello.edits: the edits that were made since the last call, in order.
+  // Changes the ground; sets `id`. The future holds the edit's number once it is made, kept and in everybody's ground, or an error; at most
+  // wire::kMaxEdits are pending at a time. With hello.edits: the edits made since the last call, in order.
   std::future<Outcome<wire::EditAnswer>> edit(wire::Edit edit);
   std::vector<wire::MadeEdit> takeEdits();
   bool followsEdits() const;  // hello.edits, or the server's version has none
@@ -109,15 +109,15 @@ class Connection {
   // Replaces hello's settings from the next iteration on. A waiting change is replaced by a newer one and leaves before waiting poses.
   // Never blocks; does nothing if the server's version changes none (World::revision below 2).
   void change(const wire::Settings& settings);
-  wire::Settings granted() const;  // what the server makes iterations by, as last heard
+  wire::Settings granted() const;  // the settings the server iterates by, as last heard
 
-  void applied();  // an iteration was, without an error: the next loss is a new one
+  void applied();  // an iteration was applied without an error: resets the pause
 
   std::optional<Error> error() const;  // why there is no connection at the moment
-  // Where a server that left has sent us; empty: to the same place.
+  // Where a leaving server has sent us; empty: the same place.
   std::optional<std::string> sentTo() const;
   bool otherWorld() const;  // core::Reconnector::otherWorld()
-  bool comesBack() const;   // where it is lost, another attempt is made
+  bool comesBack() const;   // if lost: another attempt is made
   std::uint64_t reconnections() const;
   std::uint64_t bytesReceived() const;
 

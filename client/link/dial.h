@@ -1,5 +1,5 @@
 #pragma once
-// The way to a server that answers, for whatever is spoken then. Internal to the room.
+// Opens a connection to a server, for any protocol. Internal to the room.
 
 #include <boost/asio/connect.hpp>
 #include <functional>

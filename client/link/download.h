@@ -22,8 +22,8 @@ struct Progress {
 
 // Blocks. `target`: path and query, already percent-encoded. Writes the file whole or not at all. Calls `tell` about ten times a second
 // and at the end. Returns the number of bytes.
-// Errors: as Connection::open; the server's own sentence when it refuses; no answer within `timeout`, or `timeout` without a byte while
-// one comes; the file cannot be written.
+// Errors: as Connection::open; the server's own sentence when it refuses; no answer within `timeout`, or `timeout` without a byte during
+// one; the file cannot be written.
 Outcome<std::uint64_t> download(const core::Url& url, const std::string& target, const std::filesystem::path& file,
                                 std::chrono::milliseconds timeout, const std::function<void(const Progress&)>& tell);
 

@@ -1,11 +1,11 @@
 #pragma once
-// A WebSocket to a server: looks up, connects, secures, upgrades, and carries frames of bytes whose meaning it does not know. Internal to
-// the room; Beast stays in websocket.cpp.
+// A WebSocket to a server: looks up, connects, secures, upgrades, and carries opaque frames of bytes. Internal to the room; Beast stays in
+// websocket.cpp.
 //
 //   dialing -> upgrading -> greeting -> streaming -> ended
 // Every state may go to ended.
 //
-// Its thread is that of run(). Everything is called on it, the listener too, but for what says so.
+// Everything runs on the thread of run(), the listener too, unless stated otherwise.
 
 #include <chrono>
 #include <cstdint>
@@ -39,8 +39,8 @@ class WebSocket {
   void run();  // from the beginning to the end; once
   // Any thread.
   void post(std::function<void()> work);
-  void giveUp();  // ends it where it is not greeted
-  void part();    // ends run(), without ended(): says goodbye where there is somebody to say it to, for at most 200 ms
+  void giveUp();  // ends it unless greeted
+  void part();    // ends run(), without ended(): closes politely if upgraded, within 200 ms
 
   void send(std::string frame);
   void greeted();                                                           // the server's first frame was the right one

@@ -30,11 +30,11 @@ Outcome<lattice::Step> toSteps(double metres);
 // Where edits have changed the ground.
 struct Change {
   std::uint64_t edit = 0;  // its number
-  lattice::Area area;      // that it changed, at most
+  lattice::Area area;      // bounds what it changed
 };
 struct News {
   std::uint64_t heard = 0;      // the last edit that has been heard of
-  std::uint64_t awaited = 0;    // one that will be (Ground::know), perhaps a later one
+  std::uint64_t awaited = 0;    // one that will be (Ground::know), maybe later than `heard`
   std::vector<Change> changes;  // ascending by number
 };
 
@@ -59,17 +59,17 @@ class Ground {
 
   Source source() const { return local_ ? Source::kLocal : Source::kServer; }
 
-  // Answers from now on know this edit: one that the server has acknowledged. (Local ones wait for it.)
+  // From now on, answers include this edit, which the server has acknowledged. (Local ones wait for it.)
   void know(std::uint64_t edit);
-  // Of edits, whatever the source; any thread. Waits until those are heard of that it must know(). Error: they did not come in time.
+  // Takes in edits, whatever the source; any thread. Waits for every edit passed to know(). Error: they did not come in time.
   Outcome<void> hear() const;
-  // Where those after this one have changed the ground, as far as heard.
+  // Where edits after this one have changed the ground, as far as heard.
   News since(std::uint64_t edit) const;
-  // The terrain's content hash, and another one with each edit heard: equal for an equal terrain with equal edits, undone ones included.
+  // The terrain's content hash, changed by each edit heard: equal for an equal terrain with equal edits, undone ones included.
   std::uint64_t hash() const;
 
   // Heights in metres, as the terrain function returns them. x, z and out have the same size. `edit`: if not null, set to the last edit
-  // that all of them know. Errors, here and below: sizes that do not match; the server is gone or did not answer in time: `out` is then
+  // that all of them include. Errors, here and below: sizes that do not match; the server is gone or did not answer in time: `out` is then
   // undefined.
   Outcome<void> heights(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out,
                         std::uint64_t* edit = nullptr) const;

@@ -30,7 +30,7 @@ class MeshPass {
   // view's size.
   void draw(const View& view, const Surface& surface) const;
 
-  // The same triangles once more, into whatever framebuffer is bound, with a program of one's own that is in use and has the vertex shader
+  // Draws the same triangles again into the bound framebuffer, with the caller's program, which is in use and has the vertex shader
   // shaders::mesh_vertex. `each`, if any, is called before every leaf.
   struct Leaf {
     lattice::LeafAddress address;

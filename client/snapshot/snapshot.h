@@ -1,5 +1,5 @@
 #pragma once
-// `ridgecast-client snapshot`: a file of a pose, a live camera or a box, made by a server. Where a terrain is named (Offline), the server's
+// `ridgecast-client snapshot`: a file of a pose, a live camera or a box, made by a server. If a terrain is named (Offline), the server's
 // program makes that one file, or a folder of tiles, and serves nothing.
 
 #include <array>
@@ -48,7 +48,7 @@ struct SnapshotOptions {
   double timeout = 120;         // seconds
 };
 
-// What the server's program is told of the terrain.
+// The server program's arguments for the terrain.
 std::vector<std::string> arguments(const Offline& offline);
 // The server's program: the one that was named, or the one beside this one.
 std::filesystem::path programOf(const Offline& offline);

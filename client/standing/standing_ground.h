@@ -5,11 +5,11 @@
 // side.
 // Neighbours share their border's heights, which are the terrain's, bit for bit. Bodies close together share tiles.
 //
-// move() says where the bodies are, once a step. Ground is made ahead of them by a thread of its own, the nearest first, so no step waits:
-// a body keeps its tiles until it has moved a quarter of a tile beyond what they cover. changes() then says what came and what is gone.
+// move() takes the bodies' positions, once a step. A separate thread makes ground ahead of them, nearest first, so no step waits: a body
+// keeps its tiles until it has moved a quarter of a tile beyond what they cover. changes() then says what came and what is gone.
 //
-// A tile whose ground an edit changes is made again, and until then stays: it goes and its successor comes in the same changes(). Edits are
-// heard of in move(), wait() and changes().
+// A tile whose ground an edit changes stays until it is remade: it goes and its successor comes in the same changes(). Edits are taken in
+// by move(), wait() and changes().
 //
 // One owner; the thread only asks `source`. Bounds: kMaxBodies, kMaxPlaces, and `memory` bytes of tiles: what does not fit is not made,
 // and wait() says so.
@@ -43,9 +43,9 @@ inline constexpr std::size_t kMaxPlaces = 1'000'000;  // tiles around bodies, co
 struct Tile {
   std::int64_t i = 0, j = 0;
   lattice::Step spacing = 0;
-  std::uint64_t version = 0;        // of all tiles of this ground: grows with each that is made
-  std::uint64_t edit = 0;           // the last edit that it knows; later ones have changed other ground, as far as was heard
-  float error = 0;                  // metres: the true ground is at most so far from the squares, split along either diagonal (measured)
+  std::uint64_t version = 0;        // of all tiles of this ground: grows with each one made
+  std::uint64_t edit = 0;           // the last edit that it includes; later ones changed other ground, as far as heard
+  float error = 0;                  // metres: the true ground is at most this far from the squares, split along either diagonal (measured)
   float lowest = 0, highest = 0;    // metres, of `heights`
   std::vector<float> heights = {};  // metres, (kCells + 1) a row of ascending x, rows of ascending z
   lattice::Step x() const { return i * kCells * spacing; }
@@ -54,12 +54,12 @@ struct Tile {
 };
 
 struct Changes {
-  std::vector<std::shared_ptr<const Tile>> gone, came;  // those that went first
+  std::vector<std::shared_ptr<const Tile>> gone, came;  // `gone` comes first
 };
 
 // The true terrain: query::Ground's functions of these names.
 struct Source {
-  // Returns the last edit that all of them know. Called by the ground's own thread.
+  // Returns the last edit that all of them include. Called on the ground's own thread.
   std::function<Outcome<std::uint64_t>(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out)> heights;
   // Never waits; called by both threads.
   std::function<query::News(std::uint64_t edit)> since;
@@ -75,18 +75,18 @@ class StandingGround {
   };
   // Error: an option out of range.
   static Outcome<std::unique_ptr<StandingGround>> open(Source source, const Options& options);
-  ~StandingGround();  // waits for the tile in work
+  ~StandingGround();  // waits for the tile being made
 
-  // All bodies, in the same order each time: the k-th is the one that was the k-th before. Never waits for heights. Error: too many, too
-  // much ground around them, or one beyond the lattice; then nothing changed.
+  // All bodies, in the same order each time: the k-th stays the k-th. Never waits for heights. Error: too many, too much ground around
+  // them, or one beyond the lattice; then nothing changed.
   Outcome<void> move(std::span<const lattice::Point> bodies);
-  // Until the ground around all bodies is there, with all edits that have been heard of or that the source must know. Error: it does not
-  // come, and why.
+  // Waits until the ground around all bodies is there, with all edits that were heard of or that the source must know. Error: why it did
+  // not come.
   Outcome<void> wait(std::chrono::milliseconds timeout);
-  // What changed since the last call. A tile may be used until it is told that it is gone. Never waits.
+  // Changes since the last call. A tile may be used until it is reported as gone. Never waits.
   Changes changes();
   std::size_t bytes() const;  // of tiles
-  bool full() const;          // no tile more fits, and some are missing
+  bool full() const;          // no further tile fits, and some are missing
 
  private:
   using Key = std::pair<std::int64_t, std::int64_t>;
@@ -102,7 +102,7 @@ class StandingGround {
   };
   struct Place {
     std::size_t bodies = 0;              // whose windows hold it
-    double distance = 0;                 // of the body that asked first, then
+    double distance = 0;                 // of the first body that needed it, at that time
     std::shared_ptr<const Tile> tile{};  // null: not made yet
     bool told = false;                   // that it came
   };
@@ -112,13 +112,13 @@ class StandingGround {
   Window around(lattice::Point body, lattice::Step radius) const;
   void add(const Window& window, lattice::Point body);
   void remove(const Window& window);
-  std::uint64_t hear();  // of edits, and what they have changed; returns one to wait for, 0: none
+  std::uint64_t hear();  // takes in edits and what they changed; returns one to wait for, 0: none
   void run();
   // Under the lock.
   bool isDone() const { return stale_.empty() && (wanted_.empty() || made_ >= most_); }
-  const Queue* next() const;  // of which the first is to be made; null: none
+  const Queue* next() const;  // whose first tile is to be made; null: none
   void keep(Key key, std::shared_ptr<const Tile> tile);
-  bool age(Key key, const query::Change& change);  // true: its tile does not know this change
+  bool age(Key key, const query::Change& change);  // true: its tile lacks this change
   Outcome<std::shared_ptr<const Tile>> make(Key key);
 
   const Source source_;
@@ -131,12 +131,12 @@ class StandingGround {
   std::uint64_t heard_ = 0;  // the last edit
   std::unordered_map<Key, Place, KeyHash> places_;
   Queue wanted_;                                   // that are not made
-  Queue stale_;                                    // that are, before a later edit of their ground
-  std::set<Key> came_;                             // and are not told
-  std::vector<std::shared_ptr<const Tile>> gone_;  // were told before
+  Queue stale_;                                    // made before a later edit of their ground
+  std::set<Key> came_;                             // made and not reported yet
+  std::vector<std::shared_ptr<const Tile>> gone_;  // reported before
   std::size_t made_ = 0;                           // tiles held
   std::uint64_t version_ = 0;
-  std::optional<Error> failed_;  // why the last try did
+  std::optional<Error> failed_;  // why the last attempt failed
   bool ends_ = false;
   std::thread thread_;
 };

@@ -14,7 +14,7 @@ namespace ridgecast::viewer {
 
 class Compiling {
  public:
-  // The current context stays; the work has a hidden window and a thread of its own. Without another window there is no work.
+  // The current context stays; the work has its own hidden window and thread. Without a second window nothing is compiled.
   explicit Compiling(const wire::World& world);
   ~Compiling();  // waits for the driver, which cannot be stopped: to end at once, end the process (abandon())
   Compiling(const Compiling&) = delete;

@@ -1,6 +1,6 @@
 #pragma once
-// The edit mode of the window: a brush on the ground below the mouse, or in the middle of the picture where the mouse is elsewhere, and
-// what goes to the server and comes back. What the brush does is in core/hands. Main thread only.
+// The window's edit mode: a brush on the ground below the mouse (in the middle of the picture if the mouse is elsewhere), and its requests
+// and responses. What the brush does is in core/hands. Main thread only.
 
 #include <cstdint>
 #include <future>
@@ -28,11 +28,11 @@ class Editor {
   ~Editor();  // gives up what it asks the server for
   Editor(const Editor&) = delete;
 
-  // Begins or ends it; where there is no editing, says why. Who shows a token has the server say first whether it may edit.
+  // Begins or ends it, or says why there is no editing. With a token, first asks the server whether it may edit.
   void toggle();
   void end();
 
-  // Do nothing while it has not begun.
+  // Do nothing outside the edit mode.
   void click(const camera::Camera& camera, Pointer at);
   void endRoad();
   void undo();

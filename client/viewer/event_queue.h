@@ -30,8 +30,8 @@ class EventQueue {
   std::vector<Event> all();
   bool empty() const { return waiting_.empty(); }
 
-  // A field opens to be typed into, by a key whose own character is still to come: drops that character and earlier text. Later events wait
-  // for `frames` frames, until the field is there; but not the releases before them: a key that seems held down repeats.
+  // A key opens a field for typing, and its own character is still to come: drops that character and earlier text. Later events wait
+  // `frames` frames, until the field is there; releases before them do not: a key that seems held down repeats.
   void holdFor(int frames);
   bool holding() const { return held_ > 0; }
 

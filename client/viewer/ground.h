@@ -1,6 +1,6 @@
 #pragma once
-// What this client knows of the ground itself: the terrain's function, or the tiles of a height map around the camera, and what members
-// have made of it. Main thread only.
+// What this client knows of the ground itself: the terrain's function, or the tiles of a height map around the camera, and the edits. Main
+// thread only.
 
 #include <optional>
 
@@ -15,7 +15,7 @@ namespace ridgecast::viewer {
 class Ground {
  public:
   Ground(const render::Drawing& drawing, link::Client& client);
-  // The terrain, which was not known so far. A height map's tiles are then fetched by follow().
+  // Sets the terrain, unknown so far. A height map's tiles are then fetched by follow().
   void know(const render::Drawing& drawing);
   bool hasFunction() const { return terrain_ != nullptr; }
   // Metres, of the mesh where the terrain is not known; empty if neither is.

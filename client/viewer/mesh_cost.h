@@ -14,7 +14,7 @@ inline constexpr std::uint32_t kCoarsest = 16;  // pixels a sample, in each dire
 // The view with one sample for a square of n x n pixels, at least one.
 render::View coarser(const render::View& view, std::uint32_t n);
 double samplesOf(const render::View& view);
-// The finest power of two that fits the budget, if a sample takes so many milliseconds.
+// The finest power of two that fits the budget at `perSample` milliseconds.
 std::uint32_t fitting(const render::View& view, double perSample, std::chrono::milliseconds budget);
 
 class MeshCost {
@@ -23,8 +23,8 @@ class MeshCost {
   void drew(const render::View& samples, double milliseconds, double correction);
 
   std::uint32_t coarseness(const render::View& view, std::chrono::milliseconds budget) const { return fitting(view, perSample_, budget); }
-  // Whether a corrected picture of these samples would be in time. Once one was late, they are in time again within kKeepsUp of the budget,
-  // so that pictures do not alternate.
+  // Whether a corrected picture of these samples would be in time. After a late one, it must fit kKeepsUp of the budget, so that pictures
+  // do not alternate.
   bool correctsInTime(const render::View& samples, std::chrono::milliseconds budget) const;
   static constexpr double kKeepsUp = 0.7;
 

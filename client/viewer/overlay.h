@@ -25,7 +25,7 @@ class Overlay {
   // Input events from the window's callbacks. An open panel sees a frame's worth at a time.
   void hear(const Event& event) { events_.add(event); }
   void focus(bool focused);
-  // The panel opens to be typed into, by a key that was just heard: later text is meant for it.
+  // A key just heard opens the panel for typing: later text is meant for it.
   void awaitTyping() { events_.holdFor(kFramesToFocus); }
   // Whether keys go to the panel, if it is open.
   bool takesKeys() const;

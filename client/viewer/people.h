@@ -15,7 +15,7 @@ std::string ownName(const std::string& name);
 std::string distanceText(double metres);  // "120 m", "3.4 km"
 Colour memberColour(std::uint64_t camera);
 
-// 60 m from somebody and 15 m above, on the side that one comes from, looking at them.
+// 60 m from `other` and 15 m above, on the side of `from`, looking at it.
 camera::Pose beside(const camera::Pose& from, const camera::Pose& other);
 
 }  // namespace ridgecast::viewer

@@ -18,7 +18,7 @@
 
 namespace ridgecast::viewer {
 
-// A world that is connected to.
+// A connected world.
 struct Link {
   core::Url url;
   wire::Settings settings;
@@ -73,7 +73,7 @@ class Stream {
   void requestSettings();  // the panel's
   void requestWorlds();    // the server's sessions and terrains, for the panel
 
-  // Takes the session's clock for as long as that takes, so that everybody may drive it; says so if somebody else has it.
+  // Takes the session's clock only for this request, so that everybody may drive it; says so if another member owns it.
   void setClock(const wire::SetClock& set);
 
   // Opens the world whose name is in the panel, unless one is being opened.

@@ -19,8 +19,8 @@ inline std::uint32_t packed(const Shade& s, float alpha = 1) {
   return opacity << 24 | (s.rgb & 0xff) << 16 | (s.rgb & 0xff00) | s.rgb >> 16;
 }
 
-// Sets Dear ImGui's style and font; `scale`: pixels of text and edges relative to an ordinary screen's. The font's texture has to be made
-// anew then. Without Debian's fonts-dejavu-core Dear ImGui's own font is used.
+// Sets Dear ImGui's style and font; `scale`: pixels of text and edges relative to an ordinary screen's. The font's texture must be rebuilt
+// then. Without Debian's fonts-dejavu-core Dear ImGui's own font is used.
 void apply(float scale);
 
 }  // namespace ridgecast::viewer::theme

@@ -69,7 +69,7 @@ struct Outlines {
     std::uint64_t camera = 0;
     std::string text;  // name and distance
     Colour colour{};
-    std::optional<double> away;  // metres; null: nobody knows where it is
+    std::optional<double> away;  // metres; null: position unknown
     std::optional<Spot> at;      // in the window; null: not in sight
     std::vector<Segment> lines;
   };

@@ -10,11 +10,11 @@
 
 namespace ridgecast::world {
 
-// Metres from the origin, +Y up, y absolute: exact within 65 km of it. Triangles are counter-clockwise from above. A vertex that several
-// leaves share stands once.
+// Metres from the origin, +Y up, y absolute: exact within 65 km of it. Triangles are counter-clockwise from above. A vertex shared by
+// leaves appears once.
 struct Mesh {
   lattice::Point origin;  // steps
-  double error = 0;       // metres: the true ground is at most so far above or below; infinite: not known
+  double error = 0;       // metres: the true ground is at most this far above or below; infinite: not known
   std::vector<std::array<float, 3>> positions = {};
   std::vector<std::array<std::uint32_t, 3>> triangles = {};
 };

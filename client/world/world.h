@@ -1,6 +1,6 @@
 #pragma once
-// A session's world as one of its members has it: the true terrain, the ground as triangles, the clock, the other members, and the mesh
-// that a camera sees, over a connection that comes back by itself.
+// A session's world, as seen by a member: the true terrain, the ground as triangles, the clock, the other members, and the mesh that a
+// camera sees, over a connection that reconnects by itself.
 //
 //     const auto rover = world::World::join("ws://127.0.0.1:7070?session=race&terrain=canyon", {.name = "rover"}).value();
 //     rover->heights(x, z, out).value();
@@ -12,7 +12,7 @@
 // | terrain, info, isLocal         | any                       | terrain().heights() and the like for the server, if not isLocal()       |
 // | all others                     | one at a time (the owner) | those with a `timeout`: at most that                                    |
 //
-// While the connection is away, a call waits for it within its timeout and then goes on.
+// While the connection is lost, a call waits for it within its timeout and then continues.
 
 #include <chrono>
 #include <cstdint>
@@ -58,7 +58,7 @@ using Result = boost::system::result<T, Failure>;
 
 struct Options {
   std::string name = {};                      // shown to the others
-  bool camera = true;                         // false: a sensor, which sees no mesh but what it asks for with ground()
+  bool camera = true;                         // false: a sensor, whose only mesh is what it requests with ground()
   settings::Settings settings = {};           // of the mesh
   bool follows = false;                       // the clock: each step waits until this member has done it (nextStep)
   wire::Pacing pacing = wire::Pacing::kFree;  // of the mesh
@@ -79,7 +79,7 @@ class World {
   std::uint64_t camera() const { return client_->world().camera; }  // this member's number; another one after a reconnection
   bool isLocal() const { return ground_.source() == query::Ground::Source::kLocal; }
 
-  // The true terrain: query/ground.h. (terrain(): without waiting for a lost connection.)
+  // The true terrain: query/ground.h. (terrain() does not wait for a lost connection.)
   const query::Ground& terrain() const { return ground_; }
   Result<void> heights(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out);
   Result<void> normals(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out, std::uint32_t spacing);
@@ -90,32 +90,31 @@ class World {
 
   // The clock as last heard; exact while it is stepped.
   core::SessionClock clock();
-  // Takes the clock, where nobody has it, and sets it.
+  // Takes the clock, if no other member owns it, and sets it.
   Result<void> setClock(wire::ClockMode mode, double rate, Milliseconds timeout);
-  // Takes the clock, where nobody has it, and moves it to this time: ahead by at most an hour, but not while a step is under way; in a
-  // recording also back: it begins again there, and the connection with it.
+  // Takes the clock, if no other member owns it, and moves it to this time, but not while a step is pending: at most an hour ahead; in a
+  // recording anywhere, and going back restarts it there, and the connection with it.
   Result<void> jump(Microseconds time, Milliseconds timeout);
-  // Moves a clock that is stepped, or nobody's, by `time`, and waits until every member that follows it has done the step. After
-  // kTimeout the step is still under way: a time of 0 goes on waiting for it. (Another time replaces one that has not left, as after
-  // kLost.)
+  // Moves a stepped or unowned clock by `time`, and waits until every member that follows it has done the step. After kTimeout the step is
+  // still pending: call with 0 to keep waiting for it. (Another time replaces one that was not sent, as after kLost.)
   Result<void> step(Microseconds time, Milliseconds timeout);
-  // Of a member that follows: says that the step returned last is done, waits for the next one and returns the session's time.
+  // For a member that follows: reports the last returned step as done, waits for the next one and returns the session's time.
   Result<std::uint64_t> nextStep(Milliseconds timeout);
-  // As the owner: no step waits for this member until it has caught up.
+  // For the owner: steps do not wait for this member until it has caught up.
   void passOver(std::uint64_t member) { client_->connection().passOver(member); }
 
-  // Changes the ground for everybody: an operation as JSON (common/edits/json.h). Returns its number: then it is kept, and in answers and
-  // meshes that come from now on. `key`: what is sent again with it, by the same client under the same name, is made once; empty: another
-  // one for each call, so that a connection that is lost meanwhile makes no edit twice. After kTimeout, the same call goes on waiting.
+  // Changes the ground for everybody: an operation as JSON (common/edits/json.h). Returns its number: it is then stored, and in all later
+  // answers and meshes. `key`: an edit resent with it, by the same client under the same name, is made once; empty: a new one for each
+  // call, so that a connection lost meanwhile makes no edit twice. After kTimeout, the same call with the same key keeps waiting.
   // kRefused: the server's sentence.
   Result<std::uint64_t> edit(const std::string& operation, std::string key, Milliseconds timeout);
 
   std::vector<core::Other> others();
 
-  // Sends a pose and returns its iteration, or a later one: then the mesh held is the server's.
+  // Sends a pose and returns its iteration, or a later one: the mesh held is then the server's.
   Result<link::Update> fly(const camera::Camera& camera, Milliseconds timeout, std::span<const std::uint8_t> state = {});
-  // The two halves: send() never waits. receive(): kTimeout: no iteration came.
-  // `state`: what the others hear of this member, at most wire::kMaxStateBytes. Returns the pose's sequence.
+  // The halves of fly(): send() never waits; receive() gives kTimeout if no iteration came. `state`: what the others hear of this member,
+  // at most wire::kMaxStateBytes. Returns the pose's sequence.
   Result<std::uint64_t> send(const camera::Camera& camera, std::span<const std::uint8_t> state = {});
   Result<link::Update> receive(Milliseconds timeout);
   const core::Scene& scene() const { return client_->scene(); }
@@ -142,7 +141,7 @@ class World {
   std::uint64_t step_ = 0;               // returned last by nextStep()
   std::optional<std::uint64_t> stepOf_;  // reconnections() then
 
-  // Of edit(): the one that was sent last.
+  // For edit(): the last one sent.
   struct SentEdit {
     std::string key, operation;
     std::uint64_t connection = 0;  // reconnections() then
@@ -150,8 +149,8 @@ class World {
   };
   SentEdit edit_;
 
-  // Of step(): first `unsent_` is to be sent, then the clock's step `awaited_` to be done. A connection that is lost in between leaves
-  // nobody to say whether it was.
+  // For step(): first `unsent_` is to be sent, then the clock's step `awaited_` to be done. If the connection drops in between, the outcome
+  // is unknown.
   Microseconds unsent_{0};
   std::uint64_t awaited_ = 0, awaitedOf_ = 0;  // reconnections() then
   bool uncertain_ = false;

@@ -1,6 +1,6 @@
 #pragma once
-// Which edits may touch some ground: their areas, each filed once by its size and the place of its corner. 12 bytes an edit where many
-// are near each other.
+// Finds the edits that may touch some ground, by their areas, each filed once by its size and corner. 12 bytes an edit where many are close
+// together.
 
 #include <array>
 #include <cstddef>
@@ -18,7 +18,7 @@ class AreaIndex {
  public:
   void add(std::uint32_t edit, const Posts& area);     // an operation's; not empty
   void remove(std::uint32_t edit, const Posts& area);  // as it was added; quick if that was lately
-  // Those whose areas meet the posts, in no order. Returns how many areas were looked at, 2 ns each.
+  // Those whose areas meet the posts, in no order. Returns how many areas were examined, 2 ns each.
   std::size_t forEach(const Posts& posts, const std::function<void(std::uint32_t edit, const Posts& area)>& f) const;
 
  private:

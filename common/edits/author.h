@@ -1,5 +1,5 @@
 #pragma once
-// Whose an edit is. As it is kept, in logs and recordings, it is one text: the client and, after a line feed, the name if there is one.
+// An edit's author. In logs and recordings it is one text: the client and, after a line feed, the name if there is one.
 
 #include <algorithm>
 #include <cstddef>
@@ -11,7 +11,7 @@ namespace ridgecast::edits {
 inline constexpr std::size_t kMaxAuthorBytes = 128;  // of each of its two
 
 struct Author {
-  // As the server knows it: "token of NAME" or "address ADDRESS". In logs without names, those that it called itself stand here.
+  // As the server knows it: "token of NAME" or "address ADDRESS"; in logs without names, what it called itself.
   std::string client;
   std::string name;  // what it calls itself; proves nothing
   friend bool operator==(const Author&, const Author&) = default;
@@ -26,7 +26,7 @@ inline std::string toText(const Author& author) { return author.name.empty() ? a
 
 inline std::string_view clientOf(std::string_view text) { return text.substr(0, text.find('\n')); }
 
-// Of any text. What clients would not accept is left out of it.
+// From any text. What clients would not accept is left out.
 inline Author authorOf(std::string_view text) {
   const std::string_view client = clientOf(text), name = text.substr(std::min(client.size() + 1, text.size()));
   return {std::string(isFitForAuthor(client) ? client : ""), std::string(isFitForAuthor(name) ? name : "")};

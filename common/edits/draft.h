@@ -1,5 +1,5 @@
 #pragma once
-// A layer that is being written: operations change its tiles in place. What was given lives until the turns are over.
+// A layer being written: operations change its tiles in place. Arguments must outlive the turns.
 
 #include <cstdint>
 #include <map>
@@ -21,13 +21,12 @@ class Draft {
  public:
   explicit Draft(std::shared_ptr<const Layer> on) : on_(std::move(on)) {}
 
-  // `within`: changes these tiles alone; null: all that it reaches. Adds the posts that were looked at, weighed by their effort, to
-  // `looked`.
+  // `within`: changes only these tiles; null: all that it reaches. Adds the posts examined, weighted by effort, to `looked`.
   Turns apply(const terrain::Terrain& terrain, const Operation& operation, const TileSet* within, std::uint64_t& looked);
 
   // What was written since it was made.
   TileSet written() const;
-  // Puts these tiles, as they are here, into another layer. Each layer on the way is whole.
+  // Copies these tiles from here into another layer. Each intermediate layer is whole.
   Turns copy(const TileSet& tiles, std::shared_ptr<const Layer>& to) const;
 
  private:

@@ -1,6 +1,6 @@
 #pragma once
-// A terrain with a layer of edits on it: the heights of the one plus what the other raises them by. Height between posts is bicubic as that
-// of height maps (terrain::cubicHeights) and added to the terrain's in one float operation, so all machines agree to the bit. Where nobody
+// A terrain with a layer of edits on it: its heights plus the layer's rises. Rises between posts are bicubic like height maps
+// (terrain::cubicHeights) and are added to the terrain's height in one float operation, so all machines agree to the bit. Where nothing was
 // edited, heights and colours are the terrain's own.
 
 #include <memory>
@@ -11,7 +11,7 @@
 
 namespace ridgecast::edits {
 
-// A layer as a height map's posts: what it raises the ground by.
+// A layer's rises as a height map's posts.
 class Rise final : public terrain::Raster {
  public:
   explicit Rise(std::shared_ptr<const Layer> layer) : layer_(std::move(layer)) {}
@@ -45,7 +45,7 @@ class EditedTerrain final : public terrain::Terrain {
   Rise rise_;
 };
 
-// The layer on a terrain; null: nobody has edited it.
+// The layer on a terrain; null: unedited.
 std::shared_ptr<const Layer> layerOf(const terrain::Terrain& terrain);
 
 // Linear red, green and blue of materials 1 to kMaterials: earth, rock, gravel, sand, grass, asphalt, concrete, snow. On every terrain.

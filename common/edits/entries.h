@@ -1,6 +1,6 @@
 #pragma once
-// Packed edits (packed.h) in their order, in blocks one after the other, and of each how many of its undos count: 8 bytes an edit besides.
-// Memory that runs out is an exception, and nothing has changed.
+// Packed edits (packed.h) in order, in consecutive blocks, and for each how many of its undos count: 8 more bytes an edit. Running out of
+// memory throws and changes nothing.
 
 #include <array>
 #include <cstddef>

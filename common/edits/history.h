@@ -1,15 +1,15 @@
 #pragma once
-// The edits of one world in their order, and the layer that they make on its terrain. The order is the truth: equal operations in equal
-// order on an equal terrain make an equal layer, whoever computes it, with undone ones left out as if they had never been.
+// The edits of one world in order, and the layer that they make on its terrain. The order is the truth: equal operations in equal order on
+// an equal terrain make an equal layer on any machine, as if undone ones had never been made.
 //
-// Memory beside the layer: edits packed (packed.h) and some 25 bytes each; kMaxCheckpointBytes. An undo takes the ground of the latest
-// checkpoint before the undone edit and makes those edits after it again that touch what the undo changes, on that ground alone.
-// Checkpoints are layers; the further back, the fewer: at most two for each doubling of the work since. So an undo looks at edits of at
-// most about twice the work that was done since the undone edit, unless wide edits fill kMaxCheckpointBytes: then the largest checkpoints
-// go. After restore() there are none before the restored layer.
+// Memory besides the layer: the packed edits (packed.h) and some 25 bytes each; kMaxCheckpointBytes. An undo starts from the latest
+// checkpoint before the undone edit and replays the later edits that touch what the undo changes, on that ground alone. Checkpoints are
+// layers; the further back, the fewer: at most two for each doubling of the work since. So an undo examines edits of at most about twice
+// the work done since the undone edit, unless wide edits fill kMaxCheckpointBytes: then the largest checkpoints are dropped. After
+// restore() there are none before the restored layer.
 //
-// One thread at a time; layers, once taken, may be read by any. Bound: kMaxEdits operations, kMaxLayerBytes of layer. Memory that runs
-// out is an exception, and nothing has changed.
+// One thread at a time; layers, once taken, may be read by any. Bounds: kMaxEdits operations, kMaxLayerBytes of layer. Running out of
+// memory throws and changes nothing.
 
 #include <cstdint>
 #include <functional>
@@ -41,10 +41,10 @@ class History {
   explicit History(std::shared_ptr<const terrain::Terrain> terrain, std::size_t mostBytes = kMaxLayerBytes);
 
   std::uint64_t last() const { return last_; }            // number of the last edit; 0: none
-  std::uint64_t compacted() const { return compacted_; }  // those up to this number are a part of the ground for good
+  std::uint64_t compacted() const { return compacted_; }  // those up to this number are permanently part of the ground
   const std::shared_ptr<const Layer>& layer() const { return layer_; }
   const std::shared_ptr<const terrain::Terrain>& terrain() const { return terrain_; }
-  // Posts looked at so far, weighed by their effort; an undo makes edits again.
+  // Posts examined so far, weighted by effort; an undo replays edits.
   std::uint64_t looked() const { return looked_; }
   // Of edits that this has added or read.
   bool isUndone(std::uint64_t edit) const { return !counts(edit); }
@@ -52,18 +52,18 @@ class History {
   std::string_view packed(std::uint64_t edit) const { return entries_.packed(indexOf(edit)); }  // until the next edit
   std::size_t checkpointBytes() const;  // of layers that are held for undos, unshared
 
-  // The operation as it is kept: checked, and a road that has no heights yet surveyed on the ground there is now. Error: why not. make()
-  // does this too.
+  // The operation as it is stored: checked, and a road without heights surveyed on the current ground. Error: why not. make() does this
+  // too.
   Outcome<Operation> prepare(Operation operation);
 
-  // An edit in the making, in turns. Until it is done the history is as it was; it may be given up by destroying it. Meanwhile the history
-  // stays where it is, and no other edit is made or taken back.
+  // An edit in progress, in turns. Until it is done the history is unchanged; destroying this abandons it. Meanwhile the history must not
+  // move, and no other edit may be made or taken back.
   class Making {
    public:
-    // Looks at some more posts, at least one, about so many. True: it is done, and not asked again.
+    // Examines about `posts` more posts, at least one. True: done; do not call again.
     bool step(std::uint64_t posts);
-    // When it is done: the posts whose height or material changed (a rectangle around them). Error: not a valid edit, no room, or an undo
-    // that would look at too many posts; nothing has changed then.
+    // Once done: a rectangle around the posts whose height or material changed. Error: not a valid edit, no room, or an undo that would
+    // examine too many posts; nothing has changed then.
     const Outcome<Posts>& result() const { return *result_; }
 
    private:
@@ -72,34 +72,33 @@ class History {
     Turns turns_;
     Making(std::unique_ptr<Outcome<Posts>> result, Turns turns) : result_(std::move(result)), turns_(std::move(turns)) {}
   };
-  // The next edit. `mostUndoPosts`: an undo that has to look at more is refused before it begins. Whoever repeats what others have made
-  // sets no limit.
+  // The next edit. `mostUndoPosts`: an undo that must examine more is refused before it begins. Callers that replay others' edits set no
+  // limit.
   Making make(Operation operation, std::uint64_t mostUndoPosts = std::numeric_limits<std::uint64_t>::max());
-  Outcome<Posts> add(Operation operation);  // the same to its end
+  Outcome<Posts> add(Operation operation);  // the same, to completion
 
   // The last edit was not kept after all: everything is as before it, when the layer was `before`.
   void takeBack(std::shared_ptr<const Layer> before);
 
-  // Goes on from an earlier history's end: its last number and its layer. What made it is read when an edit is undone, and not before, some
-  // edits at a time.
+  // Restores an earlier history's final state, its last number and layer; operations are loaded lazily, on the first undo, some at a time.
   struct Past {
     std::shared_ptr<const Layer> base;  // what the compacted edits have made
     std::vector<Operation> operations;  // at least one while there are more, up to `last`
   };
-  // What follows an edit; the base is wanted with those after the last compacted one, also if there are none.
+  // The edits after `after`; the base is required with those after the last compacted one, even if there are none.
   using Read = std::function<Outcome<Past>(std::uint64_t after)>;
   void restore(std::uint64_t compacted, std::uint64_t last, std::shared_ptr<const Layer> layer, Read read);
 
-  // Makes the layer again, whatever it was, from the past. Error: it cannot be read, or undoes what is not there.
+  // Recomputes the layer from the past, whatever it was. Error: that cannot be read, or undoes a missing edit.
   Outcome<void> replay();
 
  private:
   struct Checkpoint {
-    std::uint64_t edit = 0, work = 0;  // as it was after this edit, and the work until then
+    std::uint64_t edit = 0, work = 0;  // the state after this edit, and the work until then
     std::shared_ptr<const Layer> layer;
-    std::size_t bytes = 0;  // that the next one, or the layer, does not share
+    std::size_t bytes = 0;  // not shared with the next one, or the layer
   };
-  // What an edit makes of the history.
+  // What an edit changes in the history.
   struct Made {
     std::shared_ptr<const Layer> layer;
     std::vector<Checkpoint> checkpoints;  // of an undo
@@ -111,7 +110,7 @@ class History {
     std::uint64_t edit = 0;            // 0: of none
     std::uint64_t from = 0;            // the checkpoint's edit
     TileSet changed, needed;           // tiles that may change, and those that this depends on
-    std::vector<std::uint32_t> again;  // the edits that are made again, counted from `compacted_`
+    std::vector<std::uint32_t> again;  // the edits to replay, counted from `compacted_`
     std::uint64_t cost = 0;            // posts, of finding these and of what is to come
   };
   std::size_t indexOf(std::uint64_t edit) const {
@@ -124,10 +123,10 @@ class History {
   Turns reading(Outcome<void>& done);
   Outcome<void> addPast(const std::vector<Operation>& operations);
   void joinPast();
-  // One undo of this edit more or less counts. Returns the edit whose ground that is about; 0: none, for others count as well.
+  // Adds `more` to the undos of this edit that count. Returns the edit whose ground changes; 0: none, as others count as well.
   std::uint64_t addUndos(std::uint64_t edit, int more);
   Turns undoing(std::uint64_t edit, std::uint64_t mostPosts, Made& made, Outcome<void>& fits);
-  Turns findGround(std::uint64_t edit, Undoing& undo) const;  // as addUndos(edit, 1), and nothing is changed
+  Turns findGround(std::uint64_t edit, Undoing& undo) const;  // as addUndos(edit, 1), without changes
   // Whether an edit counts after the undo.
   bool countsAfter(const Undoing& undo, std::uint64_t edit) const { return counts(edit) != (edit == undo.edit); }
   // Adds the smoothings between two edits whose areas meet the posts. Returns what it cost.
@@ -151,7 +150,7 @@ class History {
   std::uint64_t compacted_ = 0, last_ = 0;
   std::uint64_t looked_ = 0, work_ = 0;  // work: posts, not counting undos, and something for each edit
   Read read_;                            // the past before entries_; empty: entries_ and base_ have all
-  Entries past_;                         // the first of it, as far as it was read
+  Entries past_;                         // its first ones, as far as read
   Entries entries_;                      // the newest, up to last_
   AreaIndex smooths_, others_;           // of past_ and entries_, counted from compacted_
   std::shared_ptr<const Layer> base_ = std::make_shared<const Layer>(), layer_ = base_;

@@ -1,6 +1,6 @@
 #pragma once
-// Operations as JSON: how they travel, and how they are kept. Lengths are metres; a step is 2^-8 m, so what is written out comes back
-// as the same steps. One text form serves the stream, HTTP, the log, export and every language that can read JSON.
+// Operations as JSON, as they travel. Lengths are metres; a step is 2^-8 m, so what is written out comes back as the same steps. One text
+// form serves the stream, HTTP, export and every language that can read JSON; logs and recordings have packed.h's.
 //
 //   {"op": "raise", "x": 10, "z": -4, "radius": 5, "core": 2, "by": 1.5}            "lower" likewise
 //   {"op": "crater", "x": 0, "z": 0, "radius": 12, "depth": 4}

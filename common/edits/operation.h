@@ -1,9 +1,9 @@
 #pragma once
-// What members do to the ground: operations in whole steps. An operation says what becomes of the height at each *post*; posts stand every
-// kPostSteps along x and z, and what lies between them is bicubic (edited_terrain.h). All of it is integer arithmetic, so that whoever
-// applies the same operations in the same order has the same ground, bit for bit.
+// Members' changes of the ground: operations in whole steps. An operation sets the height at each *post*; posts stand every kPostSteps
+// along x and z, with bicubic heights between them (edited_terrain.h). All of it is integer arithmetic, so the same operations in the same
+// order give the same ground, bit for bit.
 //
-// Cost: an operation looks at the posts of its area (areaOf), at most kMaxPosts; those that read the ground also evaluate the terrain
+// Cost: an operation examines the posts of its area (areaOf), at most kMaxPosts; those that read the ground also evaluate the terrain
 // there.
 
 #include <algorithm>
@@ -68,7 +68,7 @@ struct Smooth {
 // A band `width` wide along a line of stations with heights, banks as of Level. A line without heights is to be surveyed first.
 struct Road {
   std::vector<lattice::Vertex> line;  // at least 2
-  bool surveyed = false;              // false: heights count for nothing
+  bool surveyed = false;              // false: heights are ignored
   lattice::Step width = 0;
   std::uint32_t grade = 26;   // 1/256: the greatest slope along the line that survey() gives it
   std::uint32_t slope = 171;  // 1/256: of the banks
@@ -84,7 +84,7 @@ struct Stamp {
   friend bool operator==(const Stamp&, const Stamp&) = default;
 };
 
-// The edit of this number counts no longer; an undone undo counts again.
+// The edit of this number no longer counts; undoing this undo restores it.
 struct Undo {
   std::uint64_t edit = 0;
   friend bool operator==(const Undo&, const Undo&) = default;
@@ -118,8 +118,7 @@ constexpr lattice::Area groundOf(const Posts& p) {
 // Error: one sentence with what is wrong and what would be right. Every number of a valid operation is safe to compute with.
 Outcome<void> check(const Operation& operation);
 
-// The posts that an operation may change. It reads no others, but Smooth, which reads as many more around them as it has passes. An undo:
-// none.
+// The posts that an operation may change. It reads no others, except Smooth, which reads `passes` more around them. An undo: none.
 Posts areaOf(const Operation& operation);
 inline std::int64_t marginOf(const Operation& o) { return std::holds_alternative<Smooth>(o.what) ? std::get<Smooth>(o.what).passes : 0; }
 
@@ -129,28 +128,28 @@ inline std::int64_t marginOf(const Operation& o) { return std::holds_alternative
 std::vector<lattice::Point> stationsOf(const Road& road);
 Road survey(const Road& road, const std::vector<std::int32_t>& ground);
 
-// Whether `made` is what becomes of `asked` when it is made: the same or, of a road without heights, one that was surveyed. Both are valid.
+// Whether making `asked` can give `made`: the same or, for a road without heights, a surveyed one. Both are valid.
 bool isMadeOf(const Operation& asked, const Operation& made);
 
-// Whether the new height depends on the height there, and not only the difference on the place.
+// Whether the change of height depends on the height there, and not on the place alone.
 bool readsGround(const Operation& operation);
 
-// Nearest whole number not above the root.
+// The square root, rounded down.
 std::int64_t rootOf(std::int64_t square);
 
-// What one operation makes of one post; made once, asked for many. All but Smooth and Undo.
+// Applies one operation to single posts; made once, used for many. All but Smooth and Undo.
 class Brush {
  public:
   explicit Brush(const Operation& operation);
-  // What looking at one post costs, beside one of a simple operation: polygons and roads have many sides.
+  // Cost of examining one post, relative to a simple operation: polygons and roads have many sides.
   std::uint64_t effort() const { return 1 + segments_.size() / 128; }
-  // Whether any post within `radius` steps of a place may change. From then on at() is asked for those alone, until the next call.
+  // Whether any post within `radius` steps of a place may change. Until the next call, at() may be called only for those.
   bool reaches(lattice::Point middle, lattice::Step radius);
   struct Result {
     std::int32_t height = 0;  // steps
     bool paints = false;      // the operation's material is the ground's now
   };
-  // What follows `ground` at a post; nothing: it stays. For operations that do not read the ground, `ground` is any number.
+  // The result for height `ground` at a post; nothing: it stays. Operations that do not read the ground take any number.
   std::optional<Result> at(lattice::Point post, std::int32_t ground) const;
 
  private:

@@ -1,6 +1,6 @@
 #pragma once
-// A computation in turns: a coroutine that yields what it has cost since it last did, in posts looked at (about 30 ns each). It may be
-// given up between any two turns, by destroying it. An exception in it leaves next(), and ends it.
+// A computation in turns: a coroutine that yields its cost since the last yield, in posts examined (about 30 ns each). Destroying it
+// between two turns abandons it. An exception in it is thrown by next(), and ends it.
 
 #include <coroutine>
 #include <cstdint>
@@ -31,7 +31,7 @@ class Turns {
     if (handle_) handle_.destroy();
   }
 
-  // Another turn: its cost. Nothing: it is done, and there are no more.
+  // Another turn: its cost. Nothing: it is done, with no turns left.
   std::optional<std::uint64_t> next() {
     handle_.resume();
     if (handle_.promise().failed) std::rethrow_exception(handle_.promise().failed);

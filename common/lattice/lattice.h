@@ -69,7 +69,7 @@ constexpr Step floorTo(Step v, int bits) { return (v >> bits) << bits; }
 // Nearest multiple of 2^bits, halves upwards.
 constexpr Step roundTo(Step v, int bits) { return bits == 0 ? v : floorTo(v + (Step{1} << (bits - 1)), bits); }
 
-// The spacing of a leaf's vertices at this level, as a power of two in steps: exact at level 0, coarser far away, where nobody sees it and
+// The spacing of a leaf's vertices at this level, as a power of two in steps: exact at level 0, coarser far away, where it is invisible and
 // every bit costs bandwidth.
 constexpr int horizontalBits(int level) { return level == 0 ? 0 : level + 4; }
 constexpr int verticalBits(int level) { return level == 0 ? 0 : level + 3; }

@@ -1,7 +1,7 @@
 #pragma once
-// A broken contract inside the program: it says what should hold and where it did not, and the program ends, in Release too, for what it
-// would make from there on is wrong. What a person, a file or a socket does wrong is an Outcome instead. `assert` remains for what costs
-// more than the work it guards: Debug and the tests have it.
+// A broken contract inside the program: prints what should hold and where it did not, and ends the program, in Release too, because
+// whatever followed would be wrong. Mistakes of a person, a file or a socket are an Outcome instead. `assert` remains for checks that cost
+// more than the work they guard: Debug and the tests have it.
 
 #include <cstdio>
 #include <cstdlib>

@@ -1,6 +1,6 @@
 #pragma once
 // A failure for reasons outside the program (a person, a file, a socket) is returned as an Outcome: a value, or an Error whose message says
-// in one sentence what is wrong and what would be right. Broken contracts inside the program are assertions.
+// in one sentence what is wrong and what would be right. Broken contracts inside the program end it: contract.h.
 
 #include <string>
 #include <utility>

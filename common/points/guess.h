@@ -1,7 +1,7 @@
 #pragma once
-// The height that a vertex's neighbours suggest: at the vertex, that of the plane which fits them best, each weighted by 1 / distance^2;
-// their mean where they lie on a line. The same on both sides, to the bit: plain double arithmetic, one rounding an operation, in an order
-// that depends on positions alone.
+// Predicts a vertex's height from its neighbours: that of their best-fitting plane there, each weighted by 1 / distance^2; their mean if
+// they are collinear. The same on both sides, to the bit: plain double arithmetic, one rounding an operation, in an order that depends on
+// positions alone.
 
 #include <algorithm>
 #include <cstdint>

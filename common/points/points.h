@@ -1,10 +1,10 @@
 #pragma once
-// How one set of points becomes another, in bytes. Which triangles they make both sides know: the Delaunay triangulation is a function of
-// its points alone (common/triangulation). For authors of clients: PROTOCOL.md, Points.
+// Encodes the change from one set of points to another. Both sides know the triangles: the Delaunay triangulation is a function of its
+// points alone (common/triangulation). For authors of clients: PROTOCOL.md, Points.
 //
-// Points are filed by *squares*: the leaves and, where there is none, squares of kOpenLevel. A square's points ascend by x, then z. What
-// goes is named by its place in that order, what comes by its position in the square. Heights follow when the triangulation is changed, as
-// differences from what the neighbours suggest (guess.h).
+// Points are filed by *squares*: the leaves and, where there is none, squares of kOpenLevel. A square's points ascend by x, then z. Removed
+// points are named by their place in that order, inserted ones by their position in the square. Heights follow once the triangulation is
+// changed, as differences from what the neighbours suggest (guess.h).
 //
 //   1 byte    form: 0x30
 //   rest      bits, arithmetically coded (common/points/range_coder.h)
@@ -36,7 +36,7 @@ struct Place {
 struct Change {
   lattice::LeafAddress square;
   std::vector<std::uint32_t> removed;  // places in the order of those before, ascending
-  std::vector<std::uint32_t> raised;   // the same, among those that stay: another height
+  std::vector<std::uint32_t> raised;   // the same, among those that stay: changed height
   std::vector<Place> inserted;         // ascending
   bool empty() const { return removed.empty() && raised.empty() && inserted.empty(); }
 };
@@ -47,13 +47,13 @@ struct Leaves {
   std::span<const lattice::LeafAddress> fresh;   // of these, what came with the iteration
   std::span<const lattice::LeafAddress> active;  // squares that the last payload changed, if the client followed since
 };
-// How many points a square has before.
+// A square's number of points before.
 using Count = std::function<std::uint32_t(const lattice::LeafAddress&)>;
 
 template <class Coder>
 class Coding {
  public:
-  // A Writer codes what is given, a Reader fills it in. Squares in canonical order, leaves before open squares; no change is empty. False:
+  // A Writer codes `changes`, a Reader fills them in. Squares in canonical order, leaves before open squares; no change is empty. False:
   // not such a payload.
   bool changes(const Leaves& leaves, const Count& count, std::vector<Change>& changes);
   // The height of a point in a square of this level: one that had another, or one that is new. A Reader ignores the last argument.
@@ -98,7 +98,7 @@ class Coding {
 
 class Writer : public Coding<RangeEncoder> {
  public:
-  explicit Writer(std::vector<std::uint8_t>& payload);  // is appended to
+  explicit Writer(std::vector<std::uint8_t>& payload);  // appended to
   void finish() { coder_.finish(); }
 };
 

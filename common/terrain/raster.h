@@ -20,7 +20,7 @@
 namespace ridgecast::terrain {
 
 inline constexpr std::int32_t kMaxSample = std::int32_t{1} << 23;  // steps, +-: 32,768 m; floats hold their differences
-// The distance between samples in parts of a step, so that the place of no sample drifts: any file's to 2e-9 m. 6.25 cm to 1,024 m.
+// The distance between samples in parts of a step, so that no sample's place drifts: any file's to 2e-9 m. 6.25 cm to 1,024 m.
 using Pitch = std::uint64_t;
 inline constexpr int kPitchBits = 20;
 constexpr Pitch pitchOf(std::uint32_t steps) { return Pitch{steps} << kPitchBits; }
@@ -31,7 +31,7 @@ inline constexpr std::int32_t kTileSide = 1 << kTileBits;  // samples
 inline constexpr std::size_t kTileSamples = std::size_t{kTileSide} * kTileSide;
 inline constexpr std::size_t kTileColourBytes = 4 * kTileSamples;
 
-// The sample before a coordinate, and how far beyond it the coordinate lies: 0 to the pitch, and less.
+// The sample before a coordinate, and the coordinate's distance beyond it: at least 0, less than the pitch.
 struct Between {
   std::int64_t sample = 0;
   Pitch parts = 0;
@@ -52,11 +52,11 @@ struct RasterAxis {
     return from > -kNear && from < kNear ? before(from << kPitchBits, static_cast<std::int64_t>(pitch))
                                          : before(static_cast<Wide>(from) << kPitchBits, static_cast<Wide>(pitch));
   }
-  // The step that a sample lies at or behind.
+  // The step at or just before a sample.
   lattice::Step of(std::int64_t sample) const {
     return origin + static_cast<lattice::Step>((static_cast<Wide>(sample) * pitch) >> kPitchBits);
   }
-  // And how far behind it, below 2^kPitchBits.
+  // And how far after it, below 2^kPitchBits.
   int partsOf(std::int64_t sample) const { return static_cast<int>(static_cast<Wide>(sample) * pitch & (pitchOf(1) - 1)); }
   friend bool operator==(const RasterAxis&, const RasterAxis&) = default;
 
@@ -90,7 +90,7 @@ bool tileIsValid(const RasterShape& shape, TileAddress tile);
 
 using Tile = std::array<std::int32_t, kTileSamples>;  // steps, along x first
 
-// Where a map comes from and how it goes on, for people; empty: unknown.
+// A map's origin and its continuation, for people; empty: unknown.
 struct RasterOrigin {
   std::string edge;                         // clamp, mirror, repeat or metres
   std::string crs;                          // of the file, such as EPSG:32632
@@ -114,7 +114,7 @@ class Raster {
   // The picture on a tile, as seen by samples as wide as the pitch: red, green and blue, times alpha and then in sRGB, and alpha; bytes of
   // 1/255, along x first. Empty: none lies there.
   virtual std::vector<std::uint8_t> tileColours(TileAddress) const { return {}; }
-  // The least and greatest of samples [x, x + columns) x [z, z + rows), or less and greater.
+  // Bounds of samples [x, x + columns) x [z, z + rows): their least and greatest, or wider.
   struct Range {
     std::int32_t lowest = 0, highest = 0;
   };

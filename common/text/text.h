@@ -44,7 +44,7 @@ std::optional<std::string> percentDecoded(std::string_view text);
 // The first 300 bytes of a text from elsewhere, fit for one line of a terminal.
 std::string oneLine(std::string_view text);
 
-// A sentence with each absolute path cut down to its last name, for those who are not to learn where a machine has its files.
+// A sentence with each absolute path cut down to its last name, so that it hides where a machine has its files.
 std::string withoutFolders(std::string_view sentence);
 
 }  // namespace ridgecast::text

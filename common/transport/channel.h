@@ -34,7 +34,7 @@ class Channel {
   using error_code = boost::system::error_code;
   using Clock = std::chrono::steady_clock;
 
-  // What is called when an operation ends: any handler, without its type.
+  // A completion handler of any type.
   class Done {
    public:
     template <class Handler>
@@ -54,15 +54,15 @@ class Channel {
   executor_type get_executor() const;
   boost::asio::ip::tcp::socket& socket();
 
-  // A server's side. Waits for the first byte. A TLS handshake follows when it begins one, and `done` says how it went. Otherwise
+  // Server side. Waits for the first byte. If that begins a TLS handshake, it follows, and `done` gets its result. Otherwise
   // done(error::no_protocol_option): the channel then is in the clear.
   void startTls(std::shared_ptr<TlsContext> context, Done done);
-  // A client's side: the server must be `host` (a name or an address) by the word of the authorities in the file `ca` (PEM); empty: of
-  // those that this system trusts. `done` gets nothing, or what was wrong.
+  // Client side: the server must have a certificate for `host` (a name or an address) from the authorities in the file `ca` (PEM); empty:
+  // from those that this system trusts. `done` gets nothing, or what was wrong.
   void startTls(const std::string& host, const std::string& ca, std::function<void(std::optional<std::string>)> done);
 
-  // What is read next is an answer to an HTTP request: interim answers (1xx, but for 101) before it are told of and read by nobody. A head
-  // of more than 8 KiB is passed on as it is.
+  // The next data read is an HTTP response: interim responses (1xx except 101) before it are reported to `tell` and discarded. A head of
+  // more than 8 KiB is passed on as it is.
   void passOverInterim(std::function<void()> tell);
 
   template <class Buffers, class Token>
@@ -76,10 +76,10 @@ class Channel {
         [this](auto handler, const ConstBuffers& b) { writeSome(b, Done(std::move(handler))); }, token, some<ConstBuffers>(buffers));
   }
 
-  // Says that nothing follows, and passes over the little that still comes until the other side says the same.
+  // Ends the sending side, and discards the little that still comes until the other side ends, too.
   void finish(Done done);
 
-  // The channel closes when this time comes; operations then end with an error. A new time replaces the last.
+  // The channel closes at this time; operations then end with an error. A new time replaces the last.
   void expires_at(Clock::time_point when);
   void expires_after(Clock::duration timeout) { expires_at(Clock::now() + timeout); }
   void expires_never();
@@ -87,7 +87,7 @@ class Channel {
   void close();
 
  private:
-  static constexpr std::size_t kMaxBuffers = 8;  // of one operation; what more there is follows in the next
+  static constexpr std::size_t kMaxBuffers = 8;  // of one operation; the rest follows in the next
   using MutableBuffers = std::array<boost::asio::mutable_buffer, kMaxBuffers>;
   using ConstBuffers = std::array<boost::asio::const_buffer, kMaxBuffers>;
   template <class Some, class Buffers>
@@ -106,8 +106,8 @@ class Channel {
   std::shared_ptr<Body> body_;
 };
 
-// How Beast ends a WebSocket on it. Both sides have said that they close by then: a server has little to wait for, and a client, which must
-// say why the connection ended, does not wait at all.
+// How Beast ends a WebSocket on it, after both close frames: a server has little to wait for, and a client, which must say why the
+// connection ended, does not wait at all.
 inline void beast_close_socket(Channel& channel) { channel.close(); }
 template <class Handler>
 void async_teardown(boost::beast::role_type role, Channel& channel, Handler&& handler) {

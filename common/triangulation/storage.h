@@ -1,7 +1,7 @@
 #pragma once
 // Slots of fixed size, handed out in pages that belong to one region each. Knows ids, not records.
 //
-// A page has two masks: `alive` (the slot is in use) and `fresh` (in use, and not yet seen by whoever called clearFresh). Emptied
+// A page has two masks: `alive` (the slot is in use) and `fresh` (in use, and not yet cleared by clearFresh). Emptied
 // pages go back to one pool and are the first to be reused, so resident memory follows what is alive.
 //
 // A page's slots lie in four blocks, and it has only those that it uses: many regions are small. A slot's id says where its record lies:
@@ -38,10 +38,10 @@ using Mutex = std::mutex;
 using Lock = std::lock_guard<std::mutex>;
 #endif
 
-// Room for records that are written before they are read: nothing of it is resident until it is touched. Arrays of 32 MiB, as of a mesh
-// of half a million triangles, ask for huge pages, which spare a tenth of an insertion's time in address translation and page faults, at
-// up to 2 MiB more resident memory each.
-void* reserve(std::size_t bytes);  // at a line of the cache; throws std::bad_alloc; to be given to std::free
+// Room for records that are written before they are read: not resident until touched. Arrays of 32 MiB and more, as of a mesh of half a
+// million triangles, request huge pages, which save a tenth of an insertion's time in address translation and page faults, for up to 2 MiB
+// more resident memory each.
+void* reserve(std::size_t bytes);  // cache-line aligned; throws std::bad_alloc; release with std::free
 template <class T>
 class Records {
  public:
@@ -79,24 +79,24 @@ class Pages {
   bool hasRegion(RegionId region) const { return region < regions_.size() && regions_[region] != nullptr; }
 
   std::uint32_t allocate(RegionId region);  // a fresh slot; kNoSlot when there is none left
-  // Slots in `region` for what moves there, page by page: every move's `to` is filled in, as fresh as `from` is, and take(from, to) called.
+  // Allocates slots in `region` for records moving there, page by page: fills in every `to`, as fresh as `from`, and calls take(from, to).
   // There must be room (hasFree).
   template <class F>
   void receive(RegionId region, std::span<Move> moves, F&& take);
   void release(std::uint32_t slot);
-  // The slot is given to a new record of the same region: what release and allocate would do, without the search. The caller marks the
-  // region changed.
+  // Reuses the slot for a new record of the same region: like release and allocate, without the search. The caller marks the region
+  // changed.
   void renew(std::uint32_t slot) { setFresh(slot); }
   void clear();                 // releases every slot; regions stay
   void drain(RegionId region);  // releases every slot of a region
-  // Whether a region holds a quarter more pages than it needs, and the cure: move(from, to) is told of every slot that moves.
+  // Whether a region holds a quarter more pages than needed; compact() fixes that, with move(from, to) for every slot that moves.
   bool sparse(RegionId region) const {
     const std::size_t count = regions_[region]->count, needed = (count + kSlots - 1) / kSlots;
     return regions_[region]->pages.size() > std::max(pagesKept(count), needed + needed / 4);
   }
   template <class F>
   void compact(RegionId region, F&& move);
-  // Whether at least `pages` pages are free: a change that needs a few slots in unknown regions asks first.
+  // Whether at least `pages` pages are free: checked before a change that needs a few slots in unknown regions.
   bool hasFree(std::uint32_t pages) const { return freePages_.load(std::memory_order_relaxed) >= pages; }
 
   std::uint32_t pageOf(std::uint32_t slot) const { return blocks_[slot / kBlock].place / kBlocks; }
@@ -134,7 +134,7 @@ class Pages {
   std::uint32_t count(RegionId region) const { return regions_[region]->count; }
   bool changed(RegionId region) const { return changed_[region] != 0; }
   void markChanged(RegionId region) {
-    if (changed_[region] == 0) changed_[region] = 1;  // not written in vain: other threads have their flags in the same line
+    if (changed_[region] == 0) changed_[region] = 1;  // avoids needless writes: other threads' flags share the cache line
   }
   void clearChanged(RegionId region) { changed_[region] = 0; }
   std::uint32_t live() const;
@@ -154,18 +154,18 @@ class Pages {
   void forEachIn(std::uint32_t page, Mask slots, F&& f) const {
     for (; slots != 0; slots &= slots - 1) f(slotAt(page, static_cast<std::uint32_t>(std::countr_zero(slots))));
   }
-  // f(page) for the region's pages with fresh slots, which are the caller's to clear: all of them before the next call.
+  // Calls f(page) for the region's pages with fresh slots. The caller must clear all of these before the next call.
   template <class F>
   void takeFreshPages(RegionId region, F&& f) {
     for (std::uint32_t number : regions_[region]->fresh) {
       Page& page = pages_[number];
-      if (page.region != region || !page.listed) continue;  // it has gone elsewhere, or came back and is named twice
+      if (page.region != region || !page.listed) continue;  // it went elsewhere, or came back and is listed twice
       page.listed = false;
       if (page.fresh != 0) f(number);
     }
     regions_[region]->fresh.clear();
   }
-  // How many entries lie behind takeFreshPages(), called or not: at most twice the region's pages, and eight.
+  // Entries for takeFreshPages(), called or not: at most twice the region's pages, and eight.
   std::size_t listLength(RegionId region) const { return regions_[region]->fresh.size(); }
   template <class F>
   void forEachFresh(RegionId region, F&& f) const {
@@ -195,20 +195,20 @@ class Pages {
   void list(std::uint32_t page);
   void giveBack(std::span<const std::uint32_t> pages);
   void giveBackAll(Region& region);
-  void addPages(RegionId id, std::size_t slots);  // as many as there are, with blocks for so many slots
+  void addPages(RegionId id, std::size_t slots);  // as many as are free, with blocks for this many slots
   void addBlock(std::uint32_t page, std::uint32_t k);
   std::uint32_t freeBlock();                // under the mutex; there are as many as all pages can have
   std::uint32_t pageWithRoom(RegionId id);  // kNoSlot when there is none left
-  // Pages that have room for so many slots and a sixteenth more.
+  // Pages with room for this many slots and a sixteenth more.
   static std::size_t pagesKept(std::size_t count) { return (count + count / 16 + kSlots - 1) / kSlots; }
-  // Keeps the fullest of these; the slots of the others, now dead, are returned.
+  // Keeps the fullest of these; returns the others, to be emptied.
   std::vector<std::uint32_t> keepFullest(Region& region);
 
   std::uint32_t capacity_;
   Records<Page> pages_;
   Records<Block> blocks_;
   std::vector<std::unique_ptr<Region>> regions_;  // null: unused id
-  std::vector<std::uint8_t> changed_;             // by region: so many are asked at once that they lie together
+  std::vector<std::uint8_t> changed_;             // by region; contiguous, because many are read at once
   std::vector<RegionId> unusedRegions_;
   Mutex mutex_;
   std::vector<std::uint32_t> pool_;  // released pages, last in first out
@@ -221,7 +221,7 @@ class Pages {
 template <std::uint32_t N>
 template <class F>
 void Pages<N>::receive(RegionId id, std::span<Move> moves, F&& take) {
-  // All at once: pages taken one by one, in turn with other threads, lie scattered.
+  // All at once: taken one by one, in turn with other threads, pages would lie scattered.
   if (regions_[id]->open.empty()) addPages(id, moves.size());
   for (std::size_t n = 0; n < moves.size();) {
     const std::uint32_t number = pageWithRoom(id);
@@ -263,9 +263,8 @@ void Pages<N>::compact(RegionId id, F&& move) {
   }
 }
 
-// What vertices have of each page is little, so theirs are small; triangles have much, and every iteration looks at all of it. A camera
-// holds 1,600 regions, most of them small: without blocks half of its records' memory is empty, of a mesh of 10,000 triangles seven
-// eighths.
+// Vertices use little of each page, so their pages are small; triangles use much, and every iteration reads all of it. A camera holds 1,600
+// regions, most of them small: without blocks, half of its records' memory would be empty, seven eighths for a mesh of 10,000 triangles.
 using TrianglePages = Pages<64>;
 using VertexPages = Pages<32>;
 extern template class Pages<32>;

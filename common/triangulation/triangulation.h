@@ -17,7 +17,7 @@
 // Regions    half-open squares that do not overlap; kOutside is everything else. A triangle is filed under the region that holds its
 //            centroid (exactly), a vertex under the region that holds it; ghosts are filed outside. Records are kept in pages of
 //            one region, so that work on a region stays in few cache lines, and pages of emptied regions are reused.
-// Partition  who knows which regions there are answers `regionAt`; when its answers change, call refile().
+// Partition  the owner of the regions answers `regionAt`; when its answers change, call refile().
 //
 // Threads    insert() and remove() with a WriteSet touch only records of the regions in it: calls with disjoint sets may run at the
 //            same time. A change that would leave its set writes nothing and returns kDeferred. Everything else: one thread, alone.
@@ -46,7 +46,7 @@ inline constexpr HalfEdge kNoEdge = 0xffffffffu;
 struct Vertex {
   std::int32_t x, z;  // steps relative to the anchor, |.| < 2^26
   std::int32_t y;     // carried along, never judged
-  HalfEdge edge;      // some half-edge that starts here; read by edgeOf(), for inserting beside it may write it meanwhile
+  HalfEdge edge;      // some half-edge that starts here; read with edgeOf(): an insertion beside it may write it meanwhile
   Point2 point() const { return {x, z}; }
 };
 
@@ -131,7 +131,7 @@ class WriteSet {
   std::vector<Span> spans_;
 };
 
-// Told of every record that changes its id in refile(), split() or compact(); those of a call come to one region, page by page.
+// Called for every record whose id changes in refile(), split() or compact(); those of a call come to one region, page by page.
 struct Moves {
   std::function<void(std::span<const Move>)> triangles, vertices;
 };
@@ -143,20 +143,20 @@ class Triangulation {
   Triangulation(std::uint32_t triangles, const Partition& partition);
 
   // ---- regions ----
-  // An empty region. Its square must be what the partition answers for it; it spares asking.
+  // Adds an empty region. Its square must match the partition's answers; it saves asking.
   RegionId addRegion(const Square& square);
   void removeRegion(RegionId region);  // must be empty
   std::uint32_t regionLimit() const { return static_cast<std::uint32_t>(triangles_.regionLimit()); }
-  // What is filed under `from` is filed under `to`, whose square holds that of `from`. Nothing moves.
+  // Refiles what is filed under `from` under `to`, whose square holds that of `from`. Nothing moves.
   void adopt(RegionId from, RegionId to) {
     triangles_.adopt(from, to);
     vertices_.adopt(from, to);
   }
-  // Files everything in `region` anew by the partition's answers.
+  // Refiles everything in `region` by the partition's answers.
   void refile(RegionId region, const Moves& moves = {});
   // The same for several regions whose squares others now cover, of which none covers two; they are empty afterwards. `loop` calls body(k)
-  // for every k < count, on as many threads as it likes; of what comes to one region a single one of them tells. False, and nothing was
-  // done, when there may not be storage enough to hold everything twice for a while.
+  // for every k < count, on any number of threads; what comes to one region is told by only one of them. False, and nothing was done, if
+  // storage may not suffice to hold everything twice for a while.
   using Loop = std::function<void(std::size_t count, const std::function<void(std::size_t)>& body)>;
   bool split(std::span<const RegionId> regions, const Loop& loop, const Moves& moves = {});
   // Moves the records of a region closer together where they lie scattered over too many pages: where it is sparse.
@@ -177,7 +177,7 @@ class Triangulation {
 
   // Inserts a point that lies in the closed triangle `at` (or, outside the hull, beyond the hull edge of the ghost `at`).
   Change insert(const Vertex& p, TriangleId at, WriteSet& set, VertexId* made = nullptr);
-  // Brings what will be read into the cache, for who knows which triangles come next: the record; and, once that is there, what it names.
+  // Prefetch, for callers that know which triangles come next: the record; and, once that is there, what it names.
   void prefetch(TriangleId t) const { __builtin_prefetch(&triangleRecords_[t]); }
   void prefetchVertex(VertexId v) const { __builtin_prefetch(&vertexRecords_[v]); }
   void prefetchCorners(TriangleId t) const {
@@ -207,7 +207,7 @@ class Triangulation {
   TriangleId locate(Point2 p, TriangleId from, const WriteSet& set) const;
   TriangleId anyTriangle() const;
 
-  // The triangles around it are the caller's to mark.
+  // The caller must mark the triangles around it.
   void setHeight(VertexId v, std::int32_t y) {
     vertexRecords_[v].y = y;
     vertices_.markChanged(vertices_.regionOf(v));
@@ -220,8 +220,8 @@ class Triangulation {
   const Triangle& triangle(TriangleId t) const { return triangleRecords_[t]; }
   VertexId origin(HalfEdge h) const { return triangleRecords_[h >> 2].v[h & 3]; }
   HalfEdge twin(HalfEdge h) const { return triangleRecords_[h >> 2].twin[h & 3]; }
-  // The next corner of three and the one before: small tables in a register, for a branch here is taken one time in three and never
-  // foreseen.
+  // The next and the previous of three corners: small tables in a register, because a branch here is taken one time in three,
+  // unpredictably.
   static constexpr unsigned after(unsigned k) { return (0b00'10'01u >> 2 * k) & 3; }
   static constexpr unsigned before(unsigned k) { return (0b01'00'10u >> 2 * k) & 3; }
   static constexpr HalfEdge next(HalfEdge h) { return (h & ~3u) | after(h & 3); }
@@ -279,8 +279,7 @@ class Triangulation {
   void joinStars(std::span<const Move> vertices, const std::vector<std::uint8_t>& splitting);
   // The cavity that p makes, and its boundary, into the set's scratch; false when it leaves the set.
   bool findCavity(const Vertex& p, TriangleId at, RegionId home, WriteSet& set) const;
-  // Slots of the cavity go to new triangles of the same region, mostly all of them; the others are released. Returns how many there are to
-  // take.
+  // Keeps the cavity's slots in `home`, mostly all, for new triangles there; releases the others. Returns how many are kept.
   std::size_t emptyCavity(RegionId home, WriteSet& set) {
     triangles_.markChanged(home);
     std::size_t spare = 0;

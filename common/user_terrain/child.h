@@ -29,7 +29,7 @@ struct ChildLimits {
 };
 
 struct ChildEnd {
-  bool timedOut = false;  // not so where only a process that it started took too much of a processor
+  bool timedOut = false;  // not if only a process that it started took too much of a processor
   int status = -1;        // exit status; -1 if a signal ended it
   int signal = 0;         // that ended it
   std::string output;     // stdout and stderr together, the first kMaxOutput

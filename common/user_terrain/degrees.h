@@ -12,8 +12,8 @@
 // share d^2 / (2 R^2): at 100 km by 1 m in 8 km.
 //
 // The samples on the plane are bicubic (Catmull-Rom) between the file's, on the largest rectangle around the middle that the file covers.
-// Samples as far apart as the file's would smooth it, by metres in mountains; a quarter as far apart, by some thirty times less. So unless
-// pitch= says otherwise they are kCloser times as close as the file's closer ones, half of that or as close, as kMaxCloser allows.
+// Samples spaced as the file's would smooth it, by metres in mountains; at a quarter of that spacing, by some thirty times less. So unless
+// pitch= says otherwise they are kCloser times as dense as the file's denser ones, half of that or as dense, as kMaxCloser allows.
 
 #include <cstdint>
 #include <optional>

@@ -45,7 +45,7 @@ class Cache {
   // In `folder`; if empty, in ridgecast/terrains below $XDG_CACHE_HOME or ~/.cache. Made if missing. Error: it cannot be made or is not
   // private.
   static Outcome<Cache> open(std::filesystem::path folder);
-  // Where the compilation of this text for this instruction set is, or belongs. Depends on all its inputs.
+  // The file, existing or not, for this text compiled for this instruction set. Depends on all its inputs.
   std::filesystem::path fileFor(std::string_view text, std::string_view variant, bool colours = false) const;
   bool has(const std::filesystem::path& file) const;  // a file of this user's; marks it as used now
   // Removes the least recently used files beyond kMaxKept: otherwise clients that create sessions could fill the disk with parameters.

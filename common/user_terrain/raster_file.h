@@ -76,9 +76,9 @@ Outcome<std::unique_ptr<RasterFile>> openHgt(const std::filesystem::path& file, 
 // within the degrees of Earth is in degrees, otherwise in metres.
 Outcome<std::unique_ptr<RasterFile>> openAsc(const std::filesystem::path& file, std::uint64_t size, const RasterOptions& options);
 
-// What GDAL's programs make of a file, or of a folder of height maps; `why`: what here is not read, for the refusal where they are not
-// installed. What they read lies in the file's folder; they have no network, 10 minutes of a processor and 3 GiB of memory. Error: theirs;
-// a mask, unit, projection or number of bands that is no height map.
+// Reads a file, or a folder of height maps, by GDAL's programs; `why`: what is not read here, for the refusal if they are not installed.
+// They read only the file's folder; they have no network, 10 minutes of a processor and 3 GiB of memory. Error: theirs; a mask, unit,
+// projection or number of bands that is no height map.
 Outcome<std::unique_ptr<RasterFile>> openByGdal(const std::filesystem::path& file, const std::string& why, const RasterOptions& options,
                                                 bool isPicture, const std::stop_token& stop);
 // A TIFF's samples alone, as its bands; what else it says is of no interest.

@@ -39,7 +39,7 @@ Outcome<std::shared_ptr<const terrain::Terrain>> loadRaster(const std::filesyste
                                                             std::uint32_t seed, const MapLimits& limits = {},
                                                             const std::stop_token& stop = {});
 
-// What a map in use was read from beside its own file: those that a VRT names, the maps of a folder.
+// Other files that a map in use was read from: those that a VRT names, the maps of a folder.
 std::vector<std::filesystem::path> otherFilesOf(const std::filesystem::path& map);
 
 // What was understood of a height map, in a line.

@@ -1,5 +1,5 @@
 #pragma once
-// What a program that runs for us may reach of the files and the network: the kernel refuses it all else (Landlock, Linux 5.13).
+// The files and network that a child program may access: the kernel denies all else (Landlock, Linux 5.13).
 
 #include <filesystem>
 #include <optional>
@@ -10,7 +10,7 @@
 namespace ridgecast::user_terrain {
 
 struct Reach {
-  std::vector<std::filesystem::path> reads;   // files, and folders with all that is in them; those that are not there count for nothing
+  std::vector<std::filesystem::path> reads;   // files, and folders with all that is in them; missing ones are ignored
   std::vector<std::filesystem::path> writes;  // folders, which it may read as well
 };
 
@@ -24,7 +24,7 @@ class ReachRules {
   ReachRules& operator=(ReachRules&&) = delete;
   ~ReachRules();
   int descriptor() const { return file_; }
-  // Of the calling thread and what it starts, for good; a system call or two. False: it is not confined.
+  // Confines the calling thread and what it starts, for good; a system call or two. False: not confined.
   static bool enter(int descriptor);
 
  private:

@@ -36,8 +36,8 @@ inline constexpr std::int32_t kMissing = std::numeric_limits<std::int32_t>::min(
 bool fillMissing(Samples& samples);
 
 // Interpolating a map with its NoData value as a height leaves samples between the ground and -9999 around every hole, kMixed deep
-// (Lanczos: three inside and three outside). If one of them lies farther beyond all other samples than twice what these lie apart, and
-// 2,000 m, which no cliff does, all of them become kMissing; their number.
+// (Lanczos: three inside and three outside). If one lies outside the range of all other samples by more than twice that range and 2,000 m,
+// which no cliff does, all of them become kMissing; returns their number.
 inline constexpr std::uint32_t kMixed = 6;
 std::uint64_t dropMixed(Samples& samples);
 

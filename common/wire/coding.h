@@ -1,7 +1,7 @@
 #pragma once
-// Internal to the room: protobuf's encoding of numbers and fields (https://protobuf.dev/programming-guides/encoding), read and written
-// where it stands. Groups, which proto3 does not have, are malformed. protozero would do the same, but reports what is malformed by
-// exceptions, without which WebAssembly is compiled. Pure functions; any thread.
+// Internal to the room: protobuf's encoding of numbers and fields (https://protobuf.dev/programming-guides/encoding), read and written in
+// place. Groups, which proto3 does not have, are malformed. protozero would do the same, but reports malformed input by exceptions, which
+// the WebAssembly build lacks. Pure functions; any thread.
 
 #include <algorithm>
 #include <bit>
@@ -25,9 +25,9 @@ struct Field {
   Content content;  // of a number: as it is encoded
 };
 
-// These move `bytes` behind what they read. False: malformed or cut off; `bytes` may stand anywhere then.
+// These advance `bytes` past what they read. False: malformed or cut off; `bytes` is unspecified then.
 bool takeField(Content& bytes, Field& field);
-// What does not fit 64 bits is dropped, as everywhere in protobuf.
+// Bits beyond 64 are dropped, as everywhere in protobuf.
 inline bool takeVarint(Content& bytes, std::uint64_t& value, std::size_t longest = 10) {
   value = 0;
   const std::size_t most = std::min(longest, bytes.size());
@@ -43,13 +43,13 @@ inline bool takeVarint(Content& bytes, std::uint64_t& value, std::size_t longest
 
 constexpr std::size_t varintBytes(std::uint64_t value) { return (static_cast<std::size_t>(std::bit_width(value | 1)) + 6) / 7; }
 
-// What is written goes to one of two: all of it is counted first, if need be as too much, so that its bytes are laid down once.
+// All is written twice: first to Counted, which may overestimate, then to a string that is reserved once.
 struct Counted {
   std::size_t bytes = 0;
   void append(const char*, std::size_t n) { bytes += n; }
   std::size_t size() const { return bytes; }
 };
-inline char* layVarint(char* at, std::uint64_t value) {  // at most 10 bytes; behind them
+inline char* layVarint(char* at, std::uint64_t value) {  // at most 10 bytes; returns their end
   for (; value >= 0x80; value >>= 7) *at++ = static_cast<char>(value | 0x80);
   *at++ = static_cast<char>(value);
   return at;
@@ -60,7 +60,7 @@ inline void putVarint(std::string& out, std::uint64_t value) {
 }
 inline void putVarint(Counted& out, std::uint64_t value) { out.bytes += varintBytes(value); }
 void putTag(auto& out, std::uint32_t number, WireType type) { putVarint(out, number << 3 | static_cast<std::uint32_t>(type)); }
-// What is behind `begin` is delimited: its length comes before it.
+// Inserts the length of what follows `begin` before it.
 void putLength(std::string& out, std::size_t begin);
 inline void putLength(Counted& out, std::size_t begin) { putVarint(out, out.size() - begin); }
 
@@ -69,7 +69,7 @@ inline void putLength(Counted& out, std::size_t begin) { putVarint(out, out.size
 template <class M>
 concept Number = std::is_arithmetic_v<M> || std::is_enum_v<M>;
 
-// How a field of the schema holds its number. Mostly the value's type says it: signed is sint32 or sint64.
+// How a field of the schema holds its number. kOfType: by the value's type; signed is sint32 or sint64.
 enum class Form : std::uint8_t { kOfType, kUnsigned, kFixed64 };
 
 template <Number M>
@@ -109,7 +109,7 @@ bool takeNumber(Content& bytes, Form form, M& value) {
   }
 }
 
-// Of the bits that a number is encoded as; 0: a field that need not be written.
+// The bits that a number is encoded as; 0: the field need not be written.
 template <Number M>
 constexpr std::uint64_t bitsOf(M value, Form form) {
   if constexpr (std::is_same_v<M, float>) {

@@ -89,7 +89,7 @@ struct StepDone {
   std::uint64_t step = 0;
 };
 
-// The clock's owner waits for this member no longer.
+// The clock's owner no longer waits for this member.
 struct PassOver {
   std::uint64_t camera = 0;
 };
@@ -101,7 +101,7 @@ using ground::Ray;
 struct Query {
   std::uint64_t id = 0;
   QueryKind kind = QueryKind::kHeights;
-  std::vector<lattice::Step> x, z;  // heights, normals: as many of both
+  std::vector<lattice::Step> x, z;  // heights, normals: equally many of both
   std::uint32_t spacing = 0;        // normals: steps; 0: the default
   std::vector<Ray> rays;
   std::string refusal{};  // of a decoded one: which of its rays' fields is out of range; it gets no other answer
@@ -126,7 +126,7 @@ struct ChangeSettings {
 // Changes the ground for everybody; answered by EditAnswer.
 struct Edit {
   std::uint64_t id = 0;
-  std::string key;        // at most kMaxEditKeyBytes; what is sent again with its key is made once
+  std::string key;        // at most kMaxEditKeyBytes; an edit resent with its key is made once
   std::string operation;  // edits::fromJson
 };
 
@@ -162,8 +162,8 @@ struct World {
   std::optional<terrain::RasterShape> heightMap{};  // nothing: heights are a formula, or private
   bool shadedVertices = false;                      // colours and normals travel with the vertices
   std::uint64_t edit = 0;                           // the last of the ground
-  std::uint64_t compacted = 0;                      // edits up to this one are told to nobody
-  // Where those begin who asked for no place and would begin here: a map may lie elsewhere (place=geo).
+  std::uint64_t compacted = 0;                      // edits up to this one are never sent
+  // Where a client that asked for no place starts, instead of `at`: a map may lie elsewhere (place=geo).
   lattice::Point onMap(lattice::Point at) const { return heightMap && !heightMap->area().holds(at) ? heightMap->middle() : at; }
 };
 
@@ -182,13 +182,13 @@ struct Iteration {
   std::vector<LeafWhole> whole;
   std::vector<lattice::LeafAddress> come;  // held from now on, made by points
   std::vector<std::uint8_t> points;        // common/points; empty for clients that do not follow them
-  std::vector<float> errors;               // LeafWhole::error of the leaves, in canonical order, that points made or made others
+  std::vector<float> errors;               // LeafWhole::error of the leaves that points made or changed, in canonical order
   std::vector<std::uint8_t> shades;        // terrain::Shade of the points that came or were raised, where World::shadedVertices
   std::uint64_t meshHash = 0;
   bool settled = false;
   std::uint64_t edit = 0;  // the last that the mesh knows
   IterationStats figures;
-  std::optional<std::vector<Candidate>> candidates{};  // the worst first; nothing: those before stay, where they are wanted
+  std::optional<std::vector<Candidate>> candidates{};  // the worst first; nothing: the previous ones stay, if requested
 };
 
 enum class ErrorCode {
@@ -268,7 +268,7 @@ struct MadeEdit {
   std::string author;     // the client as the server knows it
   std::string name;       // what it calls itself
   std::string operation;  // JSON
-  lattice::Area ground;   // that it changed, at most
+  lattice::Area ground;   // bounds what it changed
 };
 struct Edited {
   std::vector<MadeEdit> edits;  // numbers ascend by 1
@@ -298,7 +298,7 @@ struct HeightTiles {
   std::vector<HeightTile> tiles;
 };
 
-// Comes before the first iteration that is made by it.
+// Precedes the first iteration made by it.
 struct Granted {
   Settings settings;
 };

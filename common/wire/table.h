@@ -2,9 +2,8 @@
 // Internal to the room: a table for each message says of every field its number and name, where it stands in the value of messages.h and
 // what it may be. Reading, writing, refusals, counting before anything is built, and the ranges that PROTOCOL.md states follow from it.
 //   V  the value, a type of messages.h      T  the tag of its table
-// A message is read in one pass: its fields are found, then each row, in the table's order, reads its own and judges it. Fields that come
-// twice count as in protobuf: the last of a number or of bytes, all of a list; parts of a message are one; of a oneof the last kind is
-// left.
+// A message is read in one pass: its fields are found, then each row, in the table's order, reads and checks its own. Repeated fields count
+// as in protobuf: the last number or bytes, all of a list; parts of a message are merged; the last kind of a oneof wins.
 
 #include <algorithm>
 #include <array>
@@ -40,7 +39,7 @@ struct TableOf;  // its type: the tag of a value's table
 
 struct Verdict {
   std::string refusal;     // in words; empty as long as nothing is wrong
-  bool malformed = false;  // no message of the schema; may say so beside a refusal that came first
+  bool malformed = false;  // not a message of the schema; may be set besides an earlier refusal
 };
 
 template <class T>
@@ -49,7 +48,7 @@ bool require(bool right, const char* field, const auto& rule, Verdict& verdict) 
   return right;
 }
 
-// ---- how a member of a value is laid down ----
+// ---- how a member of a value is encoded ----
 
 template <class T>
 struct ListOf : std::false_type {};
@@ -74,10 +73,10 @@ concept Message = !Number<M> && !Bytelike<M> && !ListOf<M>::value;  // or an opt
 // What a message holds of a row's field.
 struct Held {
   bool there = false;
-  std::size_t entries = 0;  // of a list; of what is bounded as it is encoded: bytes
+  std::size_t entries = 0;  // of a list; bytes if the bound is on the encoded size
   Content last;
   std::unique_ptr<std::vector<Content>> earlier;      // of a list; with the last as many as entries at most
-  std::unique_ptr<std::vector<std::uint8_t>> joined;  // of a message that came in parts; the last is all of it
+  std::unique_ptr<std::vector<std::uint8_t>> joined;  // of a message in several parts; `last` is all of it
   void list(Content next) {
     if (there && !earlier) earlier = std::make_unique<std::vector<Content>>();
     if (there) earlier->push_back(last);
@@ -97,7 +96,7 @@ struct Found {
   std::size_t chosen = kRows<T>;  // the row of a oneof's kind
 };
 
-// Every row in turn with its index, until one fails.
+// Calls act(row, index) for each row until one fails.
 template <class T, class Do>
 bool everyRow(const Do& act) {
   return std::apply(
@@ -126,7 +125,7 @@ bool find(Content bytes, Found<T>& found, Verdict& verdict) {
   }
   return true;
 }
-// False: not read to its end, since it is refused or malformed, or means nothing further on (EndsWhere).
+// False: not read to its end: refused, malformed, or without meaning from there on (EndsWhere).
 template <class T, class V>
 bool read(V& value, Found<T>& found, Verdict& verdict) {
   return everyRow<T>([&](const auto& row, std::size_t k) { return row.template read<T>(value, found, found.held[k], verdict); });
@@ -292,7 +291,7 @@ struct Row {
   }
 };
 
-// An optional value that travels as another one, `Sent`, which is made of it and made into it.
+// An optional value that travels as another type, `Sent`, made of it and converted back.
 template <class Sent, class Base>
 struct SentAs : Base {
   template <class T, class V>
@@ -318,7 +317,7 @@ constexpr SentAs<Sent, Base> sentAs(Base row) {
   return {row};
 }
 
-// One kind of a oneof: `chosen` says whether a value is of it; the member of a value that is not const makes it so.
+// One kind of a oneof: `chosen` says whether a value is of it; access to the member of a non-const value makes it so.
 template <class Base, class Chosen>
 struct Choice : Base {
   static constexpr bool kKind = true;
@@ -350,7 +349,7 @@ struct Excused : Base {
 template <class Base>
 Excused(Base) -> Excused<Base>;
 
-// Text that is cut to what it may be where it is written.
+// Text that is cut to its limit when written.
 template <class Base>
 struct Cut : Base {
   template <class V>
@@ -376,7 +375,7 @@ struct NoField {
   void write(const V&, auto&) const {}
 };
 
-// A field that is right where the value, as far as the rows before have read it, says so.
+// A check of the whole value, as read by the rows before.
 template <class Rule>
 struct Judged : NoField {
   const char* name;
@@ -398,7 +397,7 @@ struct AnyKind : Judged<Valid<bool>> {
   }
 };
 
-// Reads no further where it holds; nothing is refused.
+// Stops reading where it holds; nothing is refused.
 template <class Predicate>
 struct EndsWhere : NoField {
   Predicate holds;

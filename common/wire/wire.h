@@ -59,11 +59,11 @@ inline constexpr double kMaxReach = 1e5;               // metres
 // Whether a session's name can be one: 1..kMaxSessionBytes of [A-Za-z0-9._-].
 bool sessionNameIsValid(std::string_view name);
 
-// What is encoded is not checked (the peer refuses what is out of range); only an error's text is cut to kMaxErrorBytes.
+// Encoding does not check values (the peer refuses those out of range); only an error's text and URL are cut to kMaxErrorBytes.
 std::string encode(const ClientMessage& message);
 std::string encode(const ServerMessage& message);
 
-// Which field is out of range, in the sentence of decodeClient; empty: none.
+// The field that is out of range, in the sentence of decodeClient; empty: none.
 std::string refusalOf(const Ray& ray);
 std::string refusalOf(const AskGround& ask);
 

@@ -16,7 +16,7 @@ namespace ridgecast::access {
 
 inline constexpr std::size_t kMaxTokenBytes = 4096;
 
-// The signature is judged, by each key in turn, before anything of the token is parsed.
+// Verifies the signature, with each key in turn, before it parses header and claims.
 Outcome<Grant> verifyJwt(std::string_view token, std::span<const Key> keys, Time now);
 // With HS256. `secret` has at least kMinSecretBytes; `grant.expires` must be there.
 std::string issueJwt(const Grant& grant, std::string_view secret, Time now);

@@ -1,5 +1,5 @@
 #pragma once
-// Keys that signatures of JSON Web Tokens are judged with: secrets (HS256), and public keys of RSA (RS256) and of the curve P-256 (ES256).
+// Keys that verify JSON Web Token signatures: secrets (HS256), and public keys for RSA (RS256) and the curve P-256 (ES256).
 
 #include <filesystem>
 #include <memory>
@@ -22,7 +22,7 @@ inline constexpr std::size_t kMaxKeys = 16;         // of all files together
 class Key {
  public:
   explicit Key(std::string secret) : secret_(std::move(secret)) {}  // at least kMinSecretBytes
-  // The public keys in a file: PEM, one or more, or a JSON Web Key Set (RFC 7517), of which keys for other purposes are left out.
+  // The public keys in a file: PEM, one or more, or a JSON Web Key Set (RFC 7517), in which keys for other purposes are skipped.
   // Error: unreadable, longer than 64 KiB, neither of the two, no key that is usable here, more than kMaxKeys.
   static Outcome<std::vector<Key>> readPublic(const std::filesystem::path& file);
 

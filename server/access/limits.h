@@ -23,7 +23,7 @@ class ConnectionsByAddress {
  public:
   explicit ConnectionsByAddress(std::uint32_t mostEach) : mostEach_(mostEach) {}  // 0: no limit
 
-  // Given back when destroyed, which may be later than these counts are.
+  // Released when destroyed; may outlive the ConnectionsByAddress.
   class Place {
    public:
     Place(Place&&) = default;
@@ -46,7 +46,7 @@ class ConnectionsByAddress {
     std::shared_ptr<State> state_;
     Address who_;
   };
-  // A place for a connection of this client (its household). Nothing: it has as many as it may.
+  // A place for a connection of this client (its household). Nothing: the client is at its limit.
   std::optional<Place> enter(const Address& client) {
     const Address who = household(client);
     const std::lock_guard lock(state_->mutex);

@@ -1,5 +1,5 @@
 #pragma once
-// Addresses of clients, and whose word is taken for them.
+// Client addresses, and which proxies are trusted to report them.
 
 #include <array>
 #include <cstdint>
@@ -16,7 +16,7 @@ using Address = std::array<std::uint8_t, 16>;  // IPv6; IPv4 as ::ffff:a.b.c.d
 
 std::optional<Address> parseAddress(std::string_view text);  // 192.0.2.1, 2001:db8::1, [2001:db8::1]; with :PORT behind an IPv4 or a ]
 std::string toText(const Address& address);                  // 192.0.2.1, 2001:db8::1
-// What one client has of addresses to choose from: an IPv4 address, or a /64 of IPv6.
+// The addresses that one client can choose from: an IPv4 address, or an IPv6 /64.
 Address household(const Address& address);
 
 class Network {
@@ -30,8 +30,8 @@ class Network {
   unsigned bits_ = 128;
 };
 
-// The client: the peer, or behind trusted proxies the last address of X-Forwarded-For that is none of them. Reading that header ends at an
-// entry that is no address.
+// The client: the peer, or behind trusted proxies the last address in X-Forwarded-For that is not a trusted proxy. Reading stops at an
+// entry that is not an address.
 Address clientAddress(const Address& peer, std::string_view forwardedFor, const std::vector<Network>& trustedProxies);
 
 }  // namespace ridgecast::access

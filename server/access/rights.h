@@ -1,5 +1,5 @@
 #pragma once
-// What somebody may do here. Names are those of token files and of the claim "rights" in a JWT.
+// What a client may do. The names are those in token files and in a JWT's claim "rights".
 
 #include <chrono>
 #include <cstdint>
@@ -43,11 +43,11 @@ class Rights {
   std::uint8_t bits_ = 0;
 };
 
-// "view,query" -> rights. Error: none is named, or one that there is not.
+// "view,query" -> rights. Error: no right is named, or an unknown one.
 Outcome<Rights> parseRights(std::string_view text);
 std::string toText(Rights rights);  // "view,query"
 
-// What a token grants to who shows it.
+// What a token grants its bearer.
 using Time = std::chrono::sys_seconds;
 // Later times count as this one: clocks of nanoseconds end in 2262.
 inline constexpr Time kLatest = std::chrono::sys_days(std::chrono::year(2200) / 1 / 1);
@@ -56,7 +56,7 @@ struct Grant {
   std::string name;  // whose it is, for logs: at most 64 printable characters without blanks; may be empty
   Rights rights;
   std::string session;          // the one session it is for; empty: all
-  std::optional<Time> expires;  // the first second at which it is none any more
+  std::optional<Time> expires;  // the first second at which it is no longer valid
 
   bool reaches(std::string_view wanted) const { return session.empty() || session == wanted; }
 };

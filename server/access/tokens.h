@@ -22,7 +22,7 @@
 
 namespace ridgecast::access {
 
-// What a server's tokens are judged by.
+// The files that a server checks tokens against.
 struct Files {
   std::filesystem::path tokens = {};                           // empty: none
   std::vector<std::filesystem::path> secrets = {}, keys = {};  // of JSON Web Tokens (keys.h), all valid at a time
@@ -35,7 +35,7 @@ class Tokens {
   // Errors, for people: a file cannot be read, a line is wrong (and which), a secret is too short, a key is not usable, too many keys.
   static Outcome<std::shared_ptr<const Tokens>> load(const Files& files);
 
-  // Error: why it is refused, in one sentence that tells nothing of the token.
+  // Error: why it is refused, in one sentence that reveals nothing about the token.
   Outcome<Grant> judge(std::string_view token, Time now) const;
 
   std::size_t count() const { return byHash_.size(); }

@@ -1,13 +1,12 @@
 #pragma once
 // The mesh of a box: covers it exactly and keeps a vertical error in metres, for any viewpoint.
 //
-// Each height is asked for once, on a grid in memory (samples.h), and triangles are judged by it as often as they change (judge.h). Where
-// the ground is rough for the error, the grid is laid finer at once. The box's sides are divided first, each as a line. Then the worst
-// points are inserted (Garland and Heckbert 1995): one by one while triangles are few, then in sweeps, region by region and side by side.
-// At last every triangle is proven against all samples and what may lie between them; what does not pass gets a vertex, or finer samples
-// where those at hand cannot tell. Vertices that turn out not to be needed are removed, which saves more than the proof has cost. Vertices'
-// heights lie on the coarsest lattice that costs at most a sixteenth of the error. The result depends only on terrain, box and error, not
-// on threads.
+// Each height is evaluated once, on a grid in memory (samples.h), and triangles are judged by it whenever they change (judge.h). If the
+// ground is rough for the error, the grid starts finer. The box's sides are divided first, each as a line. Then the worst points are
+// inserted (Garland and Heckbert 1995): one by one while triangles are few, then in sweeps, region by region and side by side. Finally
+// every triangle is proven against all samples and what may lie between them; one that fails gets a vertex, or finer samples where the
+// existing ones cannot decide. Vertices that prove unnecessary are removed, which saves more than the proof cost. Vertices' heights lie on
+// the coarsest lattice that costs at most a sixteenth of the error. The result depends only on terrain, box and error, not on threads.
 
 #include <chrono>
 #include <cstdint>
@@ -38,8 +37,8 @@ struct BoxMesh {
   std::uint32_t triangles = 0;
 };
 
-// A mesh in the making, in turns: who shares threads with others does a few milliseconds of it at a time. The turns change nothing about
-// the result. One thread at a time; terrain and pool must outlive it.
+// Incremental meshing: callers that share threads run a few milliseconds at a time. The turns do not affect the result. One thread at a
+// time; terrain and pool must outlive it.
 //
 // Problems: more than `mostTriangles` would be needed, the error cannot be reached (a cliff), or the watch is over.
 class Meshing {
@@ -48,7 +47,7 @@ class Meshing {
 
   Meshing(const terrain::Terrain& terrain, const Box& box, std::uint32_t mostTriangles, scheduling::Pool& pool, Watch watch);
   ~Meshing();
-  // Works until about then. Empty: it is not finished. Not to be called again once it is.
+  // Works until about `until`. Empty: not finished. Must not be called again once it is.
   std::optional<Result<BoxMesh>> work(Time until);
 
  private:

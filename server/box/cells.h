@@ -1,5 +1,5 @@
 #pragma once
-// Internal to the room: the cells of a tile that a triangle meets, and which of them its plane may be too far from.
+// Internal to the room: the cells of a tile that a triangle meets, and which of them may be too far from its plane.
 
 #include <array>
 #include <cstdint>
@@ -10,7 +10,7 @@
 
 namespace ridgecast::box {
 
-inline constexpr float kNear = 4e-6f;  // of a spacing: what floats do not tell apart in a tile
+inline constexpr float kNear = 4e-6f;  // of a spacing: the resolution of floats in a tile
 
 // Of a triangle on lines of a grid, in spacings; none: from > to.
 struct Parts {
@@ -31,15 +31,15 @@ struct Cells {
   std::array<float, 3> u, v;  // the triangle's corners, in spacings
   double base, down;          // its plane: metres at the first cell's corner, a row
   float along;                // and a column
+  Parts rows;                 // of the triangle, from line j0 on; crossed before judge()
   // Filled by judge():
-  Parts rows;                                         // of the triangle, from line j0 on
   std::array<float, Parts::kLines * kAcross> off;     // of the samples from the plane, metres, along x first; from row j0 on
   std::array<std::uint32_t, kAcross - 1> suspicious;  // by column: a bit for each row, from j0 on
-  float passed;                                       // metres: the most of all other cells, with slack
+  float passed;                                       // metres: the maximum of all other cells, slack included
 
   static std::size_t place(std::int32_t i, std::int32_t k) { return static_cast<std::size_t>(k) * kAcross + static_cast<std::size_t>(i); }
   const float& offAt(std::int32_t i, std::int32_t j) const { return off[place(i, j - j0)]; }
-  // `rows` are crossed. What is off by at most `error` at its four corners, with slack, passes in all of it.
+  // A cell whose four corners are off by at most `error`, slack included, passes as a whole.
   void judge(float error);
 };
 

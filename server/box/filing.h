@@ -14,12 +14,12 @@
 
 namespace ridgecast::box {
 
-// In pieces of at most some milliseconds. The mesh, which does not change any more, must outlive it.
+// Works in pieces of at most some milliseconds. The mesh, which does not change any more, must outlive it.
 class Filing {
  public:
   Filing(const triangulation::Triangulation& mesh, const Frame& frame, lattice::Point low, lattice::Point high, std::size_t regions);
   void add(std::size_t k, triangulation::RegionId region);  // as the k-th; different ones at the same time
-  bool finish(scheduling::Pool& pool);                      // some leaves, once all is added; true: there are no more. One thread
+  bool finish(scheduling::Pool& pool);                      // some leaves, once all regions are added; true: none are left. One thread
   std::vector<mesh::LeafMesh> take() { return std::move(leaves_); }
 
  private:

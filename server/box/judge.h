@@ -1,10 +1,10 @@
 #pragma once
 // How far a triangle is from the terrain, judged by samples in memory.
 //
-// In a cell the grid stands for a bilinear surface, off the terrain by at most its slack. First the whole cell is looked at: what passes at
-// its four corners, with slack, passes in all of it. Otherwise only the triangle's part, at its corners: samples inside, crossings of edges
-// and lines of the grid, corners of the triangle. Where slack decides, finer samples are looked at, in those cells alone. Whoever passes
-// keeps the error everywhere. The sides of the box are looked at too, but hold no other points than those they were divided at, so that
+// Each cell of the grid stands for a bilinear surface, off the terrain by at most its slack. First the whole cell is checked: if its four
+// corners pass, slack included, all of it passes. Otherwise only the triangle's part is checked, at its corners: samples inside, crossings
+// of edges and grid lines, corners of the triangle. Where slack decides, finer samples are used, in those cells only. A triangle that
+// passes keeps the error everywhere. The sides of the box are checked too, but have no points except those they were divided at, so that
 // adjoining boxes share them.
 
 #include <array>
@@ -21,7 +21,7 @@ namespace ridgecast::box {
 
 struct Worst {        // without initialisers: most of an array of them is never touched
   float error;        // metres, with slack
-  std::int32_t x, z;  // where a vertex mends it
+  std::int32_t x, z;  // where a vertex would fix it
   bool admissible;    // false: nowhere in the triangle
   triangulation::Point2 at() const { return {x, z}; }
 };
@@ -39,7 +39,7 @@ inline Corner cornerOf(const triangulation::Triangulation& mesh, triangulation::
 struct Area {  // low..high
   triangulation::Point2 low, high;
 };
-struct Open {  // whether the triangle's part in an area passes, which takes finer samples of a block
+struct Open {  // whether the triangle's part in an area passes: undecided without finer samples of a block
   Block block;
   Area area;
 };
@@ -54,10 +54,11 @@ class Judge {
 
   // Evenly spread rows of samples, without slack: where to insert first.
   Worst glance(const Corners& corners) const;
-  // Everywhere. `tooCoarse` receives what is open until a block is refined: then ask about each. What fails already is not asked about.
+  // Everywhere. `tooCoarse` receives what stays open until a block is refined: then ask about each. A triangle that fails already adds
+  // nothing.
   Worst verdict(const Corners& corners, std::vector<Open>& tooCoarse) const;
   Worst verdict(const Corners& corners, const Open& refined, std::vector<Open>& tooCoarse) const;
-  // The verdict, if it passes by the samples that there are.
+  // The verdict, if the triangle passes with the existing samples.
   std::optional<Worst> passes(const Corners& corners) const;
 
  private:

@@ -6,9 +6,9 @@
 
 namespace ridgecast::box {
 
-inline constexpr int kPostsACell = 4;  // along a side, at most: more take too long to look at
+inline constexpr int kPostsACell = 4;  // along a side, at most: scanning more takes too long
 
-// What lies between samples of ground that was edited, by the posts of the edits: added to the slack.
+// Adds to the slack what lies between samples of edited ground, by the posts of the edits.
 void addEdits(const terrain::Raster& edits, const Frame& frame, Tile& tile);
 
 void sampleMap(const terrain::Raster& map, const Frame& frame, Tile& tile);

@@ -17,12 +17,12 @@ struct Side {
   int vertical;                    // the spacing of vertices' heights, as a power of two in steps
 };
 
-// Finds points between a side's ends with which the terrain along it stays within the error of straight lines (Douglas and Peucker 1973).
-// They depend on the two ends alone, not on which comes first. One thread at a time.
+// Finds points between a side's ends such that the terrain along it stays within the error of straight lines between them (Douglas and
+// Peucker 1973). They depend only on the two ends, not on their order. One thread at a time.
 class Division {
  public:
   Division(const terrain::Terrain& terrain, const Frame& frame, const Side& side);
-  // False: pauses(), asked every few thousand heights, said so; the next call goes on there.
+  // False: pauses(), called every few thousand heights, returned true; the next call resumes there.
   bool work(const std::function<bool()>& pauses);
   std::vector<triangulation::Point2> take() { return std::move(points_); }  // once work() is done
 

@@ -15,7 +15,7 @@ namespace ridgecast::box {
 struct Plan {
   double error;              // metres, as promised
   double noise = 0;          // metres of it that a formula's rounding may take between samples, as measured; at most a quarter
-  float kept = 0;            // the rest, rounded down so that every comparison says the same: what samples are held to
+  float kept = 0;            // the rest: the limit for samples, rounded down so that all comparisons agree
   std::uint32_t most;        // triangles
   int vertical = 0;          // spacing of vertices' heights, as a power of two in steps
   lattice::Point low, high;  // the box, widened

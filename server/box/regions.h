@@ -1,6 +1,5 @@
 #pragma once
-// The working squares of a box's mesh, and which of them may be worked on at the same time: whoever works on one may write its eight
-// neighbours too.
+// The working squares of a box's mesh, and which of them may be processed concurrently: work on one may also write its eight neighbours.
 
 #include <array>
 #include <cstddef>

@@ -1,10 +1,10 @@
 #pragma once
-// Heights over an area, each asked of the terrain once: square tiles of a grid, coarse at first, and finer where refine() is told so.
+// Heights over an area, each evaluated once: square tiles of a grid, coarse at first, and finer where refine() is called.
 //
 // Between its points the grid stands for the surface that is bilinear in each cell. `slack` bounds how far the terrain is from it: for a
 // height map cell by cell, below and above, by the second differences of its posts, which bound the curvature of the bicubic between them
-// (map_tile.h); for a formula block by block, by the second differences of the samples, with a margin, which is a measurement and no proof.
-// What a formula's rounding makes of slopes is left out: the plan leaves room for it.
+// (map_tile.h); for a formula block by block, by the second differences of the samples, with a margin: a measurement, not a proof. The
+// effect of a formula's rounding on slopes is left out: the plan leaves room for it.
 //
 // Frame: units of 2^unitBits steps, relative to an anchor, as the mesh's points; heights in metres. One thread at a time, but for fill().
 
@@ -51,7 +51,7 @@ struct Tile {
   Slack* slack = nullptr;       // by square, along x first
   float most = 0;               // of all slack, metres
   float rough = -1;             // all slack, on average; negative: it is not filled yet
-  std::int32_t finer = -1;      // where its blocks' tiles are named; negative: no block is refined
+  std::int32_t finer = -1;      // where its blocks' tiles are listed; negative: no block is refined
   std::int32_t coarser = -1;    // the tile whose block it refines: every second of its samples is there
   std::int32_t cells() const { return 1 << cellBits; }
   std::int32_t across() const { return cells() + 1; }
@@ -74,7 +74,7 @@ struct Block {
   std::size_t tile = 0, block = 0;
 };
 
-// Memory for many small arrays that are given back together.
+// Memory for many small arrays that are freed together.
 template <class T>
 class Shelf {
  public:
@@ -109,9 +109,9 @@ class Samples {
   bool proves() const;                                                                     // slack is a proof everywhere
   void fill(std::size_t tile);  // asks for its heights; different tiles at the same time
   float slack() const;          // of all tiles, on average, metres
-  // Lays the first samples half as far apart, to be filled, unless that takes more than `most`. Before any block is refined.
+  // Halves the spacing of the first samples, all to be filled again, unless that takes more than `most`. Call before any block is refined.
   bool halves(std::uint64_t most);
-  // Half the spacing, in a tile at the end, to be filled; bits > 0.
+  // Halves a block's spacing, in a tile appended at the end, to be filled; bits > 0.
   void refine(const Block& block);
   // The height at a sample that is filled, metres.
   std::optional<float> at(triangulation::Point2 p) const;
@@ -121,7 +121,7 @@ class Samples {
     return names < 0 ? -1 : finer_[static_cast<std::size_t>(names) + at.block];
   }
 
-  // f(tile) for the first tiles that meet low..high, or of each square of 2^skip x 2^skip of them for one.
+  // f(tile) for the first tiles that meet low..high, or for one of each square of 2^skip x 2^skip of them.
   template <class F>
   void forEach(triangulation::Point2 low, triangulation::Point2 high, F&& f, int skip = 0) const {
     const int shift = bits_ + kCellBits;

@@ -16,11 +16,11 @@ namespace ridgecast::box {
 // Where the triangle begins and ends on the parallel lines of a grid, in spacings from the grid's corner. A side's function, positive
 // inside, is a whole number below 2^53 at the grid's points, so only the last multiplication rounds.
 struct Lines {
-  std::array<double, 3> at, by, per;  // the sides' functions on line 0; a line on, so much more; spacings for each of their units
-  std::array<double, 3> from, to;     // 0, or without end where the side is no lower or no upper end
+  std::array<double, 3> at, by, per;  // the sides' functions on line 0; their increase per line; spacings per unit of theirs
+  std::array<double, 3> from, to;     // 0, or unbounded where the side is not a lower or not an upper end
 };
 
-// The triangle, from its smallest corner on, so that nothing depends on how it came about.
+// The triangle, starting at its smallest corner, so that nothing depends on how it was made.
 struct Shape {
   std::array<triangulation::Point2, 3> corner;
   std::array<std::int64_t, 3> dx, dz;  // of the edges, from corner k to the next
@@ -61,7 +61,7 @@ struct Shape {
       if (inside(k, dz[k] > 0 ? to.x : from.x, dx[k] > 0 ? from.z : to.z) <= 0) return true;
     return false;
   }
-  // Of a grid with points so many units apart, a power of two, along x (z = its corner's and further) or along z.
+  // For a grid with points `spacing` units apart, a power of two, along x (from its corner's z on) or along z.
   Lines lines(triangulation::Point2 grid, double spacing, bool alongX) const {
     Lines lines;
     const double share = 1 / spacing;

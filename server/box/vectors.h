@@ -1,5 +1,5 @@
 #pragma once
-// Internal to the room: what is looked at four samples, or lines of a grid, at a time: as many as every machine has vectors for.
+// Internal to the room: vectors of four samples, or lines of a grid: the width that every machine supports.
 
 #include <cstdint>
 #include <cstring>

@@ -1,16 +1,16 @@
 #pragma once
-// What one client may say when, and what the server does for it next: the server's half of the protocol as a pure state machine.
+// The server's half of the protocol as a pure state machine: what a client may send when, and what the server does for it next.
 //
 //                 hello                 world sent            error, or the client is gone
 //   expects hello -----> expects world ----------> runs -------------------------------------> closed
 //
 // receive() takes a message in. due() says when there is work and next() takes it out. The caller reports its result by greeted(),
 // iterated() and sent(). No lock, thread, clock or socket: the time, and the bytes queued for the client, are arguments. The same calls
-// give the same answers, except that they may wait for what the client's other connections repair (Terms::repairs).
+// give the same results, except that they may wait for repairs on the client's other connections (Terms::repairs).
 //
 // Free pacing: the newest pose wins. Iterations continue while the client has room and the pose is new or the mesh is not at rest. The
 // first iteration for a pose is always sent, later ones only if they change something; that the mesh is at rest is sent once.
-// New ground is answered first, at the last pose again: a new pose may take ten times as long.
+// New ground comes first, in one more iteration at the last pose: a new pose may take ten times as long.
 // Lock-step: exactly one iteration for each pose, in order.
 //
 // A reconnecting client lists the leaves it still holds between hello and its first pose; only differences are sent. The server's mesh
@@ -79,8 +79,8 @@ class Conversation {
 
   explicit Conversation(Terms terms) : terms_(std::move(terms)), replica_(terms_.window) {}
 
-  // Refused: the connection must end with this error. Queries, and messages about other members, are only checked for their place; the
-  // caller answers them.
+  // Refused: the connection must end with this error. Queries, and messages about other members, are only checked for their place in the
+  // protocol; the caller answers them.
   Refusal receive(const wire::ClientMessage& message, Time now);
   void close();
 
@@ -89,7 +89,7 @@ class Conversation {
   Work next(std::size_t queuedBytes);
 
   void greeted();
-  // The mesh has other ground from its next iteration on. Free pacing: that one comes, and is sent.
+  // The mesh has new ground from its next iteration on. Free pacing: that iteration always runs and is sent.
   void groundChanged();
   // After Iterate: what to send of the current mesh, or nothing. `leaves` in canonical order.
   std::optional<replica::Changes> iterated(std::span<const mesh::LeafState> leaves, bool settled);

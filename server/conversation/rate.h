@@ -1,6 +1,6 @@
 #pragma once
-// How fast iterations leave, and how much they may hold. Budgets: so much a second; one expense may overdraw a budget, and the next waits
-// until that is paid back. Not thread-safe but for SharedBudget.
+// Limits on the rate and size of iterations. A Budget grants an amount per second; one expense may overdraw it, and the next waits until
+// that is paid back. Not thread-safe, except SharedBudget.
 
 #include <algorithm>
 #include <chrono>
@@ -22,7 +22,7 @@ class Budget {
 
   // The earliest time for the next expense.
   Clock::time_point free() const { return free_; }
-  // All credit is saved up: a new budget could spend no more.
+  // Credit is full: a new budget could spend no more.
   bool isFull(Clock::time_point now) const { return free_ + kCredit <= now; }
 
   void spend(Clock::time_point now, std::uint64_t amount) {
@@ -32,7 +32,7 @@ class Budget {
   }
 
  private:
-  static constexpr std::chrono::milliseconds kCredit{250};  // the most unused time that is saved up
+  static constexpr std::chrono::milliseconds kCredit{250};  // at most this much unused time is saved up
 
   std::uint64_t rate_;
   Clock::time_point free_{};
@@ -60,8 +60,8 @@ class SharedBudget {
   Budget budget_;
 };
 
-// Limits how fast one client's iterations leave, by their bytes. Detail is what a slow connection postpones: an iteration may insert as
-// many vertices as probably fit into a quarter of a second.
+// Limits how fast one client's iterations leave, by their bytes. A slow connection postpones detail: an iteration may insert as many
+// vertices as probably fit into a quarter of a second.
 class ByteRate : public Budget {
  public:
   // Vertices that the next iteration may insert. Depends on what was sent, not on the clock, so lock-step stays reproducible.
@@ -85,12 +85,11 @@ class ByteRate : public Budget {
   double bytesAnInsertion_ = 12;
 };
 
-// How many vertices an iteration may insert so that iterations keep up with the poses, whoever else wants the machine: an eighth more while
-// they do, and where one is late, as many as would have been in time, at most half (after Chiu and Jain 1989); while no poses come, twice
-// as many from iteration to iteration. The first pose, or one after a rest, is not hurried: seen from one pose, a new mesh comes out the
-// same each time. Fewer vertices also touch fewer leaves, which then need no extracting and coding; without this, who is late has flown
-// farther, has more to do and is later still. A late iteration that inserted at most kMin changes nothing: it is not detail that takes
-// the time.
+// Limits insertions so that iterations keep pace with poses, whatever else loads the machine (after Chiu and Jain 1989): +1/8 when on time;
+// when late, scaled by target time / actual time, to at most half; doubled at each iteration while no poses come. The first pose, or one
+// after a rest, is not timed: seen from one pose, a new mesh comes out the same each time. Fewer vertices also touch fewer leaves, which
+// saves extraction and coding; without this, a late camera has flown farther, has more to do and is later still. A late iteration that
+// inserted at most kMin changes nothing: detail is not what takes the time.
 class InsertionRate {
  public:
   using Time = std::chrono::steady_clock::time_point;

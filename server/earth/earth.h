@@ -21,7 +21,7 @@ struct Place {
   double longitude = 0, latitude = 0, height = 0;  // radians, metres above the ellipsoid
 };
 
-// From where the heights of a world count.
+// The vertical datum of a world's heights.
 enum class Heights { kEllipsoid, kSea };
 
 // What a question says of where a world lies.
@@ -44,11 +44,12 @@ std::optional<Place> placeOf(std::string_view text);
 //   place = ((N + h) cos lat cos lon, (N + h) cos lat sin lon, (N (1 - e^2) + h) sin lat)
 Matrix eastNorthUp(const Place& place);
 
-// The grid of a projected CRS, EPSG:N or +proj=..., by PROJ, which takes the best way to WGS84 that needs no grids but those installed. One
+// The grid of a projected CRS, EPSG:N or +proj=..., by PROJ, with the best transformation to WGS84 that needs only installed grids. One
 // thread.
 class Grid {
  public:
-  // By the way that is best `about` a place on it. A thread keeps the last kKeptGrids: making one takes tens of milliseconds.
+  // With the transformation that is best `about` a place on it. Each thread keeps the last kKeptGrids: making one takes tens of
+  // milliseconds.
   // Null: PROJ does not know it, or not as projected.
   static constexpr std::size_t kKeptGrids = 4;
   static const Grid* of(const std::string& crs, const terrain::GridPlace& about);
@@ -100,9 +101,9 @@ class Coordinates {
 Matrix product(const Matrix& b, const Matrix& a);
 Matrix inverse(const Matrix& affine);
 
-// How a world, which is a plane, lies on the globe: where the map's grid has it or, laid at a place of one's own, by distance and azimuth
-// from there (PROJ: aeqd), turned against north as the map's grid is where it lies. Each place has its own plane, so nothing hangs above
-// the curve of the Earth. Heights count from the ellipsoid, or from the sea (EGM96), which lies up to 100 m below or above it.
+// How a world, which is a plane, lies on the globe: where the map's grid has it or, at a chosen place, by distance and azimuth from there
+// (PROJ: aeqd), turned from north as the map's grid is at its own place. Each place has its own plane, so nothing hangs above the curve of
+// the Earth. Heights count from the ellipsoid, or from the sea (EGM96), which lies up to 100 m below or above it.
 class Placement {
  public:
   // `origin` lies at `at`, if that is given. Empty: neither that nor the map says where.

@@ -1,6 +1,6 @@
 #pragma once
-// Which client began each log of a folder, so that one client cannot take all names: an SQLite file beside the logs, for all servers on the
-// folder. Logs that are older than it belong to nobody; those that are gone count no more.
+// Records which client began each log in a folder, so that one client cannot take all names: an SQLite file beside the logs, for all
+// servers on the folder. Logs older than it belong to no client; deleted logs no longer count.
 
 #include <cstddef>
 #include <memory>
@@ -14,8 +14,8 @@ namespace ridgecast::edit_log {
 
 inline constexpr char kClientsFile[] = "edits.clients";
 
-// As Log::create, if the folder has fewer than `most` logs, of which this client began fewer than half. Waits while another is begun.
-// Error: also one sentence that says which it has.
+// As Log::create, if the folder has fewer than `most` logs and this client began fewer than half of `most`. Waits while another log is
+// begun. Error: also one sentence that names the limit reached.
 Outcome<std::unique_ptr<Log>> createFor(std::string_view client, std::shared_ptr<const Lock> lock, const World& world, std::size_t most);
 
 }  // namespace ridgecast::edit_log

@@ -30,7 +30,7 @@ class Statement {
       if (const auto row = rows.next(); !row || !*row) return row ? Outcome<void>() : row.error();
   }
 
-  // The rows that it returns; while there is one, the statement keeps others from checkpoints.
+  // The rows that it returns; while a Rows exists, the statement keeps others from checkpoints.
   class Rows {
    public:
     template <class... Values>
@@ -90,7 +90,7 @@ class Database {
   std::string file_;
 };
 
-// Undone at its end, unless committed.
+// Rolled back when destroyed, unless committed.
 class Transaction {
  public:
   explicit Transaction(Database& database) : database_(database) {}

@@ -1,10 +1,10 @@
 #pragma once
-// Which program has a session's edits: a lock on the name of their log, taken before there is a log and kept until it is closed. It belongs
-// to an open file of its own (fcntl(2), open file description locks), so that nothing else that this program opens or closes can lose it,
-// and it ends with the program, however that ends. Any thread.
+// Which program owns a session's edits: a lock on the name of their log, taken before the log exists and held until it is closed. It
+// belongs to an open file of its own (fcntl(2), open file description locks), so that nothing else that this program opens or closes can
+// release it, and it ends with the program, however that ends. Any thread.
 //
 // A server's folder of logs has one lock file, in which each name locks a byte of its own. In a folder without one nothing is locked: no
-// server has it, and SQLite's own locks on a log remain.
+// server uses it, and SQLite's own locks on a log remain.
 
 #include <filesystem>
 #include <memory>
@@ -24,9 +24,9 @@ class Lock {
 
   // Makes the folder, readable by its owner alone, and its lock file, where there are none. Error: one sentence; it cannot be written.
   static Outcome<void> prepare(const std::filesystem::path& folder);
-  // Error: one sentence; somebody has it, in this program or another.
+  // Error: one sentence; it is taken, by this program or another.
   static Outcome<std::shared_ptr<const Lock>> take(std::filesystem::path log);
-  // Whether somebody has it, in this program or another.
+  // Whether it is taken, by this program or another.
   static bool isTaken(const std::filesystem::path& log);
   ~Lock();
   Lock(const Lock&) = delete;

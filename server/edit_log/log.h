@@ -1,14 +1,14 @@
 #pragma once
-// A session's edits on disk: an SQLite file that has all edits in their order, which are the truth, and a cache of the layer that they
-// make, tile by tile. What append() has returned for survives the loss of power; an edit whose append() was cut off is there or not, whole.
+// A session's edits on disk: an SQLite file with all edits in order, which are authoritative, and a cache of the layer that they make, tile
+// by tile. Once append() has returned, its edits survive a power loss; an edit whose append() was interrupted is there whole or not at all.
 //
-// One program at a time has a file (lock.h), one thread at a time a Log. SQLite alone opens it: to close any other descriptor of it would
-// lose SQLite's own locks. Edits and tiles carry hashes, so that damage is told from content.
+// Any thread. One program at a time has a file (lock.h). Only SQLite opens it: closing any other descriptor of it would
+// release SQLite's own locks. Edits and tiles carry hashes, so that damage is detected.
 //
 // Tables: meta (one row: the world, the last compacted edit, the edit up to which the tiles are made, the sums of the tiles' hashes, the
 // bytes of all edits), edits (as edit_store::Applied), tiles, and base_tiles: what compacted edits have made. In files of version 1, edits
 // are JSON and do not say what ground they changed; opening such a file makes it one of version 2, in one transaction. Keys that belonged
-// to a name, whose client nobody knew, then begin with a line feed.
+// to a name, whose client is unknown, then begin with a line feed.
 
 #include <cstdint>
 #include <filesystem>
@@ -43,15 +43,15 @@ using edit_store::Change;
 
 class Log final : public edit_store::Store {
  public:
-  // Null: there is no file, or its making was cut off and nothing is in it. Error: one sentence, which names no folder: not a log, another
+  // Null: there is no file, or its creation was interrupted and it is empty. Error: one sentence, which names no folder: not a log, another
   // version, damaged, in use, cannot be written.
   static Outcome<std::unique_ptr<Log>> open(std::shared_ptr<const Lock> lock);
   static Outcome<std::unique_ptr<Log>> open(const std::filesystem::path& file);  // takes the lock too
   // A new log. Error: also if there is one.
   static Outcome<std::unique_ptr<Log>> create(std::shared_ptr<const Lock> lock, const World& world);
   static Outcome<std::unique_ptr<Log>> create(const std::filesystem::path& file, const World& world);
-  // A new one without a name or a world, that is gone with this object. It keeps no tiles. SQLite holds half a MiB of it in memory, and the
-  // rest in a file in SQLITE_TMPDIR, TMPDIR, /var/tmp, /usr/tmp or /tmp, whichever it may write.
+  // A new one without a name or a world, deleted with this object. It keeps no tiles. SQLite holds half a MiB of it in memory, and the rest
+  // in a file in SQLITE_TMPDIR, TMPDIR, /var/tmp, /usr/tmp or /tmp, whichever is writable.
   static Outcome<std::unique_ptr<Log>> temporary();
   ~Log() override;
 
@@ -71,9 +71,9 @@ class Log final : public edit_store::Store {
   // Some edits from after `after` up to `last`; with those after compacted() the base.
   Outcome<edits::History::Past> past(std::uint64_t after, std::uint64_t last);
 
-  // The tiles anew, from the layer as of last().
+  // Rewrites the tiles from the layer as of last().
   Outcome<void> cache(const edits::Layer& layer);
-  // The layer is the base now; the edits that made it are gone, and numbers go on. Error: as of layer().
+  // Makes the layer the base; the edits that made it are deleted, and numbers continue. Error: as of layer().
   Outcome<void> compact();
   // A copy in one piece, while the log stays open. Error: `to` exists, or cannot be written.
   Outcome<void> backUp(const std::filesystem::path& to);
@@ -108,8 +108,8 @@ class Log final : public edit_store::Store {
   Meta meta_;
 };
 
-// The log's history on this terrain, from the cached tiles or, if they are no good, from the edits; then the cache is repaired. The log
-// outlives it. Error: one sentence; the terrain is not the log's.
+// The log's history on this terrain, from the cached tiles or, if they are unusable, from the edits; then the cache is repaired. The log
+// must outlive it. Error: one sentence; the terrain is not the log's.
 Outcome<edits::History> historyOf(Log& log, std::shared_ptr<const terrain::Terrain> terrain, std::size_t mostBytes = edits::kMaxLayerBytes);
 // Error: a terrain with another contentHash; the sentence says both.
 Outcome<void> checkTerrain(const Log& log, const terrain::Terrain& terrain);

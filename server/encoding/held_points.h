@@ -1,5 +1,5 @@
 #pragma once
-// The points that a client holds, by square, and what makes them those of the server's mesh (common/points).
+// The points that a client holds, by square, and the changes that make them those of the server's mesh (common/points).
 //
 // One owner, one thread. Memory: 12 bytes a point.
 
@@ -20,8 +20,8 @@ namespace ridgecast::encoding {
 class HeldPoints {
  public:
   // The payload of an iteration, after which the client holds the mesh's points. `changes`: for a client that follows points. `news`
-  // becomes the points that it did not have, or with another height, in the payload's order, and the level of the square of each. Takes
-  // what is fresh in the mesh: of one mesh, one client's points.
+  // becomes the points that the client lacked or had at another height, in the payload's order, and the level of the square of each. Takes
+  // the mesh's fresh vertices: only one client's points for each mesh.
   struct News {
     std::vector<lattice::Vertex> points;
     std::vector<int> levels;

@@ -1,6 +1,5 @@
 #pragma once
-// A camera's leaves over its mesh: select (the quadtree follows the camera) and generate (the mesh follows the quadtree). It keeps these
-// laws:
+// A camera's leaves over its mesh: select (the quadtree follows the camera) and generate (the mesh follows the quadtree). Invariants:
 //   - the mesh's vertices are the grids of its leaves and what refinement added inside leaves; outside all leaves only grid points;
 //   - a vertex's height is the terrain's, snapped to a level that is at most one above that of the leaf that holds it: one level is
 //     not seen (0.15 px), and splits and merges then move no vertex;
@@ -22,7 +21,7 @@
 
 namespace ridgecast::generation {
 
-struct alignas(64) Leaf {  // an iteration looks at those that change, and at CameraMesh's lists of what it asks of all
+struct alignas(64) Leaf {  // an iteration reads only those that change; for all leaves it reads CameraMesh's lists
   lattice::LeafAddress address;
   triangulation::RegionId region = triangulation::kOutside;
   refinement::Work work{};                        // of the current iteration
@@ -32,7 +31,7 @@ struct alignas(64) Leaf {  // an iteration looks at those that change, and at Ca
 
 struct Selection {
   bool changed = false;
-  bool fromNothing = false;                  // nothing of the mesh there was remains
+  bool fromNothing = false;                  // nothing of the previous mesh remains
   std::uint32_t generated = 0, dropped = 0;  // leaves
 };
 
@@ -40,13 +39,13 @@ class CameraMesh final : public triangulation::Partition {
  public:
   CameraMesh(std::shared_ptr<const terrain::Terrain> terrain, std::uint32_t triangles, refinement::Metric metric, double colourError = 0);
 
-  // Which leaves there are; `ground`: height of the ground below the camera in metres. Call generate() next.
+  // Selects the leaves; `ground`: height of the ground below the camera in metres. Call generate() next.
   Selection select(const camera::Pose& pose, double ground);
-  // Re-files what lies in leaves that split or merged, drops what is gone, inserts the grids that are missing, and brings the records of
-  // leaves closer together where removals have scattered them.
+  // Re-files what lies in leaves that split or merged, drops what is gone, inserts missing grids, and compacts the records of leaves that
+  // removals have scattered.
   void generate(scheduling::Pool& pool);
 
-  // Other ground, which differs within these areas.
+  // New ground, which differs within these areas.
   void setGround(std::shared_ptr<const terrain::Terrain> terrain, std::span<const lattice::Area> changed, scheduling::Pool& pool);
 
   // In canonical order of address, and two lists beside it.
@@ -74,7 +73,7 @@ class CameraMesh final : public triangulation::Partition {
   triangulation::RegionId regionAt(triangulation::Point2 p) const override { return tree_.tagAt(mesh_.absolute(p)); }
 
  private:
-  // A leaf that is no longer one, and who has its ground now: one that it was merged into, or those that it was split into, or nobody.
+  // A removed leaf and its successors: the merged leaf, the split children, or none.
   struct RemovedLeaf {
     std::unique_ptr<Leaf> leaf;
     Leaf* whole = nullptr;

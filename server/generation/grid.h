@@ -1,6 +1,6 @@
 #pragma once
 // First meshes: a leaf's grid of 3 x 3 points. Grids nest: a leaf's points are points of its children's grids too. A leaf's own grid
-// stays in the mesh while the leaf lives, which bounds how large a triangle, and so how far a change, can reach.
+// stays in the mesh while the leaf lives, which bounds the size of triangles and so the reach of a change.
 
 #include <array>
 

@@ -1,6 +1,6 @@
 #pragma once
-// Answers that took long to make, by their etag, so that the same question is answered again at once. Holds so many bytes at most; the
-// answers that were wanted longest ago leave first. Those of more than a quarter of that are not held. Any thread.
+// An LRU cache, by etag, of answers that took long to make, so that a repeated request is answered at once. Holds at most `bytes`; an
+// answer of more than a quarter of that is not held. Any thread.
 
 #include <cstddef>
 #include <list>

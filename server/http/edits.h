@@ -4,9 +4,9 @@
 //   DELETE /v1/sessions/NAME/edits/N          undoes edit N; 201 {"number": N of the undo}
 //   GET    /v1/sessions/NAME/edits?since=N    {"last": N, "edits": [{"number", "author", "name", "edit": {...}}, ...]}; &limit=M
 // On a map that says where it lies, an edit may name its places by "crs", as queries do.
-// An edit that is made has its number, is kept and in everybody's ground. One that is sent again with its header Idempotency-Key by the
-// same client is made once. They need the right `edit`, the list (at most kMaxListed and kMaxListedBytes, at least one) `view`. 400 and
-// 422: one sentence; 429, with Retry-After, and 507, where there is no room: nothing was made.
+// A 201 means that the edit has its number, is stored and is in everybody's ground. One that the same client repeats with the same header
+// Idempotency-Key is made once. Edits need the right `edit`; the list (at most kMaxListed and kMaxListedBytes, at least one) needs `view`.
+// 400 and 422: one sentence; 429, with Retry-After, and 507, for lack of room: nothing was made.
 
 #include <cstddef>
 #include <memory>

@@ -2,10 +2,10 @@
 // Work for HTTP requests that would block a socket's thread too long: a bounded queue with its own few threads.
 //
 // A job checks its std::stop_token every few milliseconds: it is stopped when its client leaves and when the server shuts down. Bounds:
-// `threads` jobs run and `waiting` wait, of one client share() in all; beyond that post() refuses. A job that is stopped before it starts
-// never starts. Clients take turns: when one's job begins, its others go behind all that wait. A job may run in turns, between which those
-// that wait have theirs; its next turn is at a time, or when somebody calls wake(). Any thread may post. An exception counts as the job's
-// failure and ends as `failed`.
+// `threads` jobs run and `waiting` wait, at most share() of them for one client; beyond that post() refuses. A job that is stopped before
+// it starts never starts. Clients take turns: when a client's job begins, its other jobs move behind all that wait. A job may run in turns,
+// between which waiting jobs run; its next turn is at a given time, or when wake() is called. Any thread may post. An exception ends its
+// job, and is logged.
 
 #include <algorithm>
 #include <chrono>
@@ -38,21 +38,21 @@ class Jobs {
   Jobs(const Jobs&) = delete;
   Jobs& operator=(const Jobs&) = delete;
 
-  // `client`: as http::Request::client; empty: nobody, who has no share. False: full, or stopped, or the client has its share. Calls `run`
-  // on one of these threads until it returns nothing, each time behind those that wait and not before the time it has returned, unless
-  // `stop` is requested before, or wake() was called after the turn began.
+  // `client`: as http::Request::client; empty: no client, so no share applies. False: full, stopped, or the client is at its share. Calls
+  // `run` on one of these threads until it returns nothing or `stop` is requested; each time it queues behind waiting jobs and waits for
+  // the time that it returned, unless wake() was called after the turn began.
   bool post(std::stop_source stop, std::function<Again(std::stop_token)> run, std::string client = {});
-  // The job's next turn is now. Does nothing when it is over. Any thread.
-  static constexpr Clock::time_point kWhenWoken = Clock::time_point::max();  // the time of a turn for which nobody knows when
+  // Makes the job's next turn due now. Does nothing once the job has ended. Any thread.
+  static constexpr Clock::time_point kWhenWoken = Clock::time_point::max();  // of a turn whose time is unknown
   void wake(const std::stop_source& job);
-  // The job that runs counts for its client no more, who may ask again as soon as it has its answer. Any thread.
+  // The running job no longer counts for its client, which may ask again as soon as it has its answer. Any thread.
   void answered(const std::stop_source& job);
   // Half of all places, at least one.
   std::size_t share() const { return std::max<std::size_t>(1, (limits_.threads + limits_.waiting) / 2); }
   bool hasShare(std::string_view client) const;  // whether that many jobs of this client wait or run
   // How many jobs must begin or end before the one with this stop source begins; 0: it has begun. Any thread.
   std::size_t ahead(const std::stop_source& job) const;
-  // In how many seconds what waits now will have begun, judged by how long jobs took lately: 1 to 600. Any thread.
+  // Seconds until all jobs now waiting will have begun, estimated from recent durations: 1 to 600. Any thread.
   unsigned secondsToWait() const;
   // Jobs that wait; up to `threads` more run. Any thread.
   std::size_t waiting() const;

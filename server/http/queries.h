@@ -3,12 +3,12 @@
 //   GET /v1/heights?at=X,Z&at=X,Z            {"heights": [metres, ...]}
 //   GET /v1/normals?at=X,Z&spacing=METRES    {"normals": [[x, y, z], ...]}
 //   GET /v1/rays?ray=X,Y,Z,DX,DY,DZ&reach=M  {"rays": [{"distance": metres, "at": [x, y, z]} or null, ...]}
-// Places are in metres or, on a map that says where it lies, with &crs=lonlat longitudes and latitudes in degrees, with &crs=EPSG:N
-// eastings and northings; then a ray is its two coordinates, height and direction east, north and up, in metres of the world, and is hit
-// `at` two coordinates and a height. Normals keep the world's axes. Places are rounded to the lattice's 1/256 m. &session=NAME selects a
-// session (default `default`), and &terrain=NAME makes it, as a stream's URL does. Repeat `at` and `ray` as often as the header's limit
-// allows, up to kMaxHttpPlaces and kMaxHttpRays. The numbers equal those of the socket's queries, digit for digit. The header
-// Ridgecast-Edit says which edits the answer knows, and asks for one.
+// Places are in metres; on a map that says where it lies, &crs=lonlat takes longitudes and latitudes in degrees, and &crs=EPSG:N eastings
+// and northings. A ray then has two coordinates, a height and a direction east, north and up, in metres of the world; its hit `at` has two
+// coordinates and a height. Normals keep the world's axes. Places are rounded to the lattice's 1/256 m. &session=NAME selects a session
+// (default `default`), and &terrain=NAME makes it, as a stream's URL does. Repeat `at` and `ray` as often as the header's limit allows, up
+// to kMaxHttpPlaces and kMaxHttpRays. The numbers equal those of the socket's queries, digit for digit. The header Ridgecast-Edit names the
+// last edit in the answer's ground; in a request, one that it must include.
 //
 // POST asks for up to kMaxPostedPlaces and kMaxPostedRays, by its Content-Type:
 //   application/json            {"at": [[x, z], ...], "spacing": metres} or {"rays": [[x, y, z, dx, dy, dz], ...], "reach": metres},
@@ -16,7 +16,7 @@
 //   application/octet-stream    little-endian doubles, two or six of each; answered by floats, one a height and three a normal, or by
 //                               doubles, distances (-1: none). spacing and reach stand in the URL
 //
-// Answers are made in turns of milliseconds, between which others have theirs, and take their heights from the client's Budgets::queries.
+// Answers are made in turns of milliseconds, between which others run, and charge their heights to the client's Budgets::queries.
 
 #include <cstddef>
 #include <memory>

@@ -1,5 +1,5 @@
 #pragma once
-// What a query over HTTP asks: from a URL, or from a body. Any thread, one at a time for a BodyReader.
+// Reads queries over HTTP, from a URL or a body. Any thread, one at a time for a BodyReader.
 
 #include <cstddef>
 #include <functional>
@@ -38,7 +38,7 @@ Outcome<std::vector<double>> numbersOfUrl(const QueryForm& form, std::string_vie
 Outcome<wire::Query> queryOf(const QueryForm& form, std::span<const double> all, std::optional<double> option);
 Outcome<std::optional<double>> optionOf(const QueryForm& form, std::string_view query);
 
-// Takes the numbers of one place or ray from the person's coordinates to the world's. False: there is no such place.
+// Converts the numbers of one place or ray from the client's coordinates to the world's. False: there is no such place.
 using ToWorld = std::function<bool(std::span<double> one)>;
 
 // Reads a body, of JSON a little at a time, and places what it asks for.
@@ -52,7 +52,7 @@ class BodyReader {
         in_(In::kPlacing),
         numbers_(std::move(numbers)),
         toWorld_(std::move(toWorld)) {}
-  // `option`: from the URL; JSON's counts before it.
+  // `option`: from the URL; JSON's takes precedence.
   BodyReader(const QueryForm& form, BodyType type, std::string body, std::optional<double> option, ToWorld toWorld = {})
       : form_(form), type_(type), body_(std::move(body)), option_(option), toWorld_(std::move(toWorld)) {}
   // Nothing: it is not at the end yet. Error: one sentence.

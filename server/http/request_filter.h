@@ -4,7 +4,7 @@
 //
 // A token comes as `Authorization: Bearer TOKEN`. Pages cannot set headers of a WebSocket; they offer two subprotocols instead,
 // `ridgecast.v1` and `bearer.TOKEN`, and the server selects the first. Viewers of 3D Tiles cannot set headers either: for tilesets a token
-// that expires within kLongestInUrl may stand in the query, as token=TOKEN. The header counts before it.
+// that expires within kLongestInUrl may stand in the query, as token=TOKEN. The header takes precedence.
 
 #include <chrono>
 #include <filesystem>

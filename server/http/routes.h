@@ -41,7 +41,7 @@ struct Request {  // the views live while the request is answered, not in later 
   std::string_view acceptEncoding;
   std::string_view contentType;
   std::string_view idempotencyKey;
-  std::string_view edit;                                            // Ridgecast-Edit: the number of an edit that the answer is to know
+  std::string_view edit;                                            // Ridgecast-Edit: the number of an edit that the answer must include
   std::string_view origin, fetchSite, authorization, subprotocols;  // headers; untrusted, checked by the filter before a route sees them
   access::Rights rights = access::Rights::all();                    // of the client
   std::string_view client = {};  // "token of NAME" or "address ADDRESS": whose share limited things come from
@@ -56,7 +56,7 @@ struct BodyHandler;
 
 using Headers = std::vector<std::pair<std::string, std::string>>;
 
-// In requests as Request::edit; in answers about the ground the last edit that they know, 0: none.
+// In requests as Request::edit; in answers about the ground the last edit that they include, 0: none.
 inline constexpr char kEditHeader[] = "Ridgecast-Edit";
 
 struct Answer {
@@ -71,8 +71,8 @@ struct Answer {
   std::shared_ptr<const DeferredResponse> later;  // set: work makes the answer, perhaps an upgrade; of this one only etag counts
   std::shared_ptr<const BodyHandler> ofBody;      // set: the request's body makes the answer, once it has been read
   std::optional<std::chrono::steady_clock::time_point> again;  // of work: this was one of its turns; the next is not before then
-  // Of work: this was one of its turns; the next is when it is woken. Called at once; `wake` may be called by any thread, also before that
-  // returns.
+  // Of work: this was one of its turns; the next is due when `wake` is called. Called at once; `wake` may be called by any thread, even
+  // before this call returns.
   std::function<void(std::function<void()> wake)> whenWoken;
 };
 
@@ -80,7 +80,7 @@ struct Answer {
 Answer plain(unsigned status, std::string sentence, Headers headers = {});
 // The same for a refusal, counted in the metrics under `why`.
 Answer refused(unsigned status, metrics::Refusal why, std::string sentence, Headers headers = {});
-// Where the directory does not find it: 404, or 503 while another server has it, as it must have the default one.
+// For a session that the directory does not find: 404, or 503 while another server has it, which is always so for the default one.
 Answer noSession(std::string_view name, const session::Directory& directory);
 Answer json(std::string body);  // a 200
 // Of a method that a path does not have.
@@ -89,7 +89,7 @@ Answer wrongMethod(const std::string& allowed = "GET, HEAD");
 // Work that makes the answer on its own thread (jobs.h). `stop` is requested when the client leaves or the server shuts down: return soon;
 // the result is not read. `patient` work may take seconds and yields to everything else. Making a world also takes seconds, but must not
 // wait behind snapshots that take a minute, so it has its own queue. So have 3D and map tiles, of which viewers request many at a time.
-// Work may be done in turns (Answer::again, whenWoken), between which others of its queue have theirs.
+// Work may run in turns (Answer::again, whenWoken), between which other work of its queue runs.
 struct DeferredResponse {
   bool patient = false, makesWorld = false, isTile = false;
   std::function<Answer(std::stop_token stop)> work{};
@@ -114,7 +114,7 @@ using Route = std::function<std::optional<Answer>(const Request& request)>;
 // `routes` are tried first, in order.
 Answer answer(const Request& request, session::Directory& directory, std::string_view version, const std::vector<Route>& routes = {});
 
-// A refusal, if the session has not made the edit that the answer is to know (Request::edit).
+// A refusal, if the session has not made the edit that the answer must include (Request::edit).
 std::optional<Answer> lacksEdit(std::string_view edit, const session::Session& session);
 
 // The route of a path, of a fixed set, for the metrics: such as /v1/heights, /v1/sessions/{session}/snapshot.glb or other.

@@ -14,8 +14,8 @@
 
 namespace ridgecast::http {
 
-// Answers GET and HEAD for those files of sessions that there are, and refuses other methods and unknown sessions. Counts as use of the
-// session. `isThere`: of what follows the session's name and a slash.
+// Answers GET and HEAD for the session files that `isThere` accepts, and refuses other methods and unknown sessions. Counts as use of the
+// session. `isThere` gets what follows the session's name and a slash.
 Route sessionFileRoute(
     std::shared_ptr<session::Directory> directory, bool (*isThere)(std::string_view file),
     std::function<Answer(const Request& request, std::shared_ptr<session::Session> session, std::string_view file)> answer);
@@ -25,7 +25,7 @@ struct Maker {
   std::shared_ptr<snapshot::Snapshots> snapshots;
   std::shared_ptr<AnswerCache> cache;
 };
-// Of this ground of the session, also when it is made later. `headers` are added to the file's.
+// From this ground of the session, even if it is made later. `headers` are added to the file's.
 Answer fileOf(const Maker& maker, std::shared_ptr<session::Session> session, session::Ground ground, snapshot::Question question,
               bool metadataOnly, const Headers& headers = {});
 

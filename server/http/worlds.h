@@ -1,6 +1,6 @@
 #pragma once
-// Sessions over HTTP: /v1/stream and queries join or create one, /v1/sessions lists them, /v1/terrains says of which terrains they can be
-// created.
+// Sessions over HTTP: /v1/stream and queries join or create one, /v1/sessions lists them, /v1/terrains lists the terrains for creating
+// them.
 
 #include <filesystem>
 #include <functional>
@@ -16,12 +16,12 @@ namespace ridgecast::http {
 // What to do with the session.
 using Enter = std::function<Answer(std::shared_ptr<session::Session>)>;
 
-// Enters the session that the URL names, or makes it as the URL says; or a refusal. A world that takes long to make is made by work
-// (Answer::later), whose answer is then that of `enter`. `directory` must outlive that work. `makes` false: judged in the same way, but no
-// session is made, and `enter` gets null in place of one.
+// Enters the session that the URL names, makes it as the URL says, or refuses. A world that takes long to make is made by work
+// (Answer::later), whose answer is then that of `enter`. `directory` must outlive that work. `makes` false: the same checks, but no session
+// is made, and `enter` gets null instead of a new one.
 Answer inSession(const Request& request, session::Directory& directory, const Enter& enter, bool makes = true);
 
-// Places on a session's map as people have them; a private one does not say where it lies. PROJ takes its time: for work. Error:
+// Places on a session's map in people's coordinates; a private one does not say where it lies. PROJ is slow: call from work. Error:
 // Coordinates::of.
 Outcome<earth::Coordinates> coordinatesOf(const session::Session& session, std::string_view crs);
 

@@ -7,8 +7,8 @@
 //
 // A JSON line also has the fields that only machines want, such as "event" and "reason".
 //
-// Of refusals (lines with a reason) that say the same of one client's address and one session, one a minute is written; the next one says
-// how many more there were ("repeated"). Bound: 1,024 such lines are told apart.
+// Identical refusals (lines with a reason) for one client address and session are written at most once a minute; the next line says how
+// many were left out ("repeated"). Bound: 1,024 such lines are told apart.
 //
 // Any thread. Lines of one message are written at once.
 
@@ -53,12 +53,12 @@ inline void info(std::string_view message) { write(Level::kInfo, {}, message); }
 inline void warning(std::string_view message) { write(Level::kWarning, {}, message); }
 inline void error(std::string_view message) { write(Level::kError, {}, message); }
 
-// Tells which lines repeat. Not thread-safe.
+// Detects repeated lines. Not thread-safe.
 class Repeats {
  public:
   static constexpr std::int64_t kEvery = 60'000;  // milliseconds
   static constexpr std::size_t kMaxKinds = 1024;
-  // How many such lines were not written since the last; nothing: nor is this one.
+  // How many such lines were left out since the last; nothing: so is this one.
   std::optional<std::uint64_t> take(const About& about, std::string_view message, std::int64_t milliseconds);
 
  private:

@@ -37,8 +37,8 @@ struct TileAddress {
   std::uint32_t x = 0, y = 0;  // below 2^level
 };
 
-// The pixels of a tile. `origin`: where the world's x 0, z 0 lies. Of a map that is laid there the grid stays turned against north as it is
-// where it lies.
+// The pixels of a tile. `origin`: where the world's x 0, z 0 lies. A map laid there keeps the rotation from north that its grid has at its
+// own place.
 Sheet sheetOf(const TileAddress& tile, const Place& origin, const terrain::Raster* map = nullptr);
 
 // The same where the map itself says that it lies; empty: it does not, or its CRS does not reach the tile.
@@ -60,7 +60,7 @@ TileRange tilesOf(const Bounds& bounds, int level);
 // The coarsest level whose pixels are as fine as the map's samples.
 int finestLevelOf(const terrain::RasterShape& map, double latitude);
 
-// Whether all of the pixels lie beside the map's samples.
+// Whether all of the pixels lie outside the map's samples.
 bool isBeside(const Sheet& sheet, const terrain::RasterShape& map);
 
 // Terrarium: height = red * 256 + green + blue / 256 - 32,768 metres. Rounded to the nearest 1/256 m; clamped to what the encoding holds.

@@ -51,8 +51,8 @@ enum class Refusal {
   kAddress,      // too many from one address
   kHost,         // a name that may be another's for this machine
   kOrigin,
-  kToken,    // none, or one that is not good
-  kRight,    // a good one that lacks the right or the session
+  kToken,    // none, or an invalid one
+  kRight,    // a valid one that lacks the right or the session
   kSession,  // no such session, or a name that is none
   kFull,     // cameras or members
   kHeader,

@@ -1,5 +1,5 @@
 #pragma once
-// Room for the bodies of requests, from when their bytes come until the answer is sent: kMax bytes in all, half of them of one client.
+// A budget for request bodies, from when their bytes arrive until the answer is sent: kMax bytes in all, half of that for one client.
 // Any thread. Private to the room.
 
 #include <cstddef>
@@ -19,14 +19,14 @@ class RequestBodyBudget {
   static constexpr std::size_t kMax = std::size_t{64} << 20;
   enum class Full { kAll, kShare };
 
-  // Of one body, given back with it.
+  // One body's share, released with it.
   class Room {
    public:
     Room(std::shared_ptr<RequestBodyBudget> bodies, std::string client) : bodies_(std::move(bodies)), client_(std::move(client)) {}
     ~Room() { bodies_->give(client_, bytes_); }
     Room(const Room&) = delete;
     Room& operator=(const Room&) = delete;
-    // No less than it has. It has as much as before where there is no more.
+    // To no less than now. If the budget is full, it keeps what it has.
     std::optional<Full> growTo(std::size_t bytes) {
       expects(bytes >= bytes_, "a body grows");
       const auto full = bodies_->take(client_, bytes - bytes_);

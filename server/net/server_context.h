@@ -49,7 +49,7 @@ class OpenStream {
   // Any thread.
   virtual void postGoingAway() = 0;
   virtual void postJudge() = 0;  // ends the stream if its token is withdrawn
-  // Ends the stream for the operator, if it is this camera's; nothing: whosoever it is.
+  // Ends the stream for the operator, if it is this camera's; nothing: any camera's.
   virtual void postRemove(std::optional<std::uint64_t> camera) = 0;
   virtual std::size_t waitingBytes() const = 0;
   virtual const session::Session& session() const = 0;
@@ -83,7 +83,7 @@ struct ServerContext {
   access::ConnectionsByAddress connectionsByAddress;
   std::atomic<bool> ready{true};         // as /readyz says
   std::atomic<bool> takesStreams{true};  // false: new ones are refused
-  std::atomic<std::uint32_t> turned{0};  // connections that only get an answer about too many
+  std::atomic<std::uint32_t> turned{0};  // connections over a limit, which only get a refusal
   std::atomic<std::uint32_t> connections{0};
   std::atomic<std::uint32_t> admins{0};     // connections of the admin port
   std::atomic<std::size_t> answerBytes{0};  // of computed bodies, until they are sent
@@ -101,7 +101,7 @@ struct ServerContext {
 // Counts a connection while it lives.
 class ConnectionSlot {
  public:
-  // Of those that are too many at most kTurnedAtATime get an answer.
+  // Of connections over a limit, at most kTurnedAtATime get an answer.
   enum class Kind { kServed, kTooMany, kTooManyOfAddress, kAdmin };
 
   // `place`: among the connections of its address. Empty behind a proxy, whose clients are counted by request.
@@ -115,7 +115,7 @@ class ConnectionSlot {
     if (shared_) expects(number()-- > 0, "a connection that ends was counted");
   }
   Kind kind() const { return kind_; }
-  // Whose connection it is, of those that are served: the token's holder, without a token the household of the address.
+  // Whose connection it is, for kServed: the token's holder or, without a token, the household of the address.
   std::string client(const access::Grant& grant) const {
     return grant.name.empty() ? "address " + access::toText(place_->who()) : "token of " + grant.name;
   }

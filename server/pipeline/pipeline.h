@@ -1,5 +1,5 @@
 #pragma once
-// One camera's mesh and the iteration that keeps it fit for what the camera sees:
+// One camera's mesh and the iteration that adapts it to the view:
 //   select -> generate -> refine -> triangulate
 // The only place that sees all stages. Not thread-safe: one thread calls at a time (the session's strand); inside, an iteration
 // spreads over the camera's pool. The result depends on the sequence of cameras and settings alone, not on threads or time.
@@ -43,21 +43,21 @@ class IteratingMesh {
   // One iteration. `camera` must satisfy camera::isValid.
   virtual settings::IterationStats iterate(const camera::Camera& camera) = 0;
 
-  // From the next iteration on. Another threshold, or a budget that the mesh was made for, goes on with the mesh there is; another metric,
-  // colour error or a larger budget begins anew, with versions that go on.
+  // From the next iteration on. A new threshold, or a budget up to the one that the mesh was made for, keeps the mesh. A new metric, colour
+  // error or larger budget rebuilds it; version numbers continue.
   virtual void change(const settings::Settings& granted) = 0;
 
-  // From the next iteration on the ground is this one, which differs from the one before within these areas alone: what the mesh holds
-  // there takes its new heights, and is looked at anew.
+  // From the next iteration on this is the ground. It differs from the previous one only within these areas; there the mesh takes the new
+  // heights and is checked again.
   virtual void setGround(std::shared_ptr<const terrain::Terrain> terrain, std::span<const lattice::Area> changed) = 0;
 
-  // At most so many vertices are inserted by one iteration, the most wanted first; never more than 24,000. For clients whose line is
-  // narrow, or on a busy machine: what is postponed is detail, and IterationStats::effectiveThreshold says how much.
+  // Limits the vertices that one iteration inserts, the most wanted first; never more than 24,000. For slow connections, or on a busy
+  // machine: detail is postponed, and IterationStats::effectiveThreshold says how much.
   virtual void setInsertionLimit(std::uint32_t most) = 0;
 
   // Whether the last iteration changed nothing and another one with the same camera would change nothing: the mesh then keeps
-  // IterationStats::effectiveThreshold wherever the camera sees it, the ground narrower than twelve of its pixels and jumps narrower than the
-  // lattice excepted. Before it says so, the camera has looked at everything closely.
+  // IterationStats::effectiveThreshold everywhere in view, except features under twelve pixels wide and steps narrower than the lattice.
+  // Before it says so, everything in view has been examined closely.
   virtual bool settled() const = 0;
 
   // The leaves with their triangles as of the last iteration, in canonical order of address. The client should hold exactly these.
@@ -66,21 +66,21 @@ class IteratingMesh {
   // A leaf's mesh in canonical order. `address` must be one of leaves(). May be called from several threads between iterations.
   virtual mesh::LeafMesh extract(lattice::LeafAddress address) const = 0;
 
-  // The triangulation that the leaves are cut from, and where its origin lies. Good until the next iterate() or change().
+  // The triangulation that the leaves are cut from, and where its origin lies. Valid until the next iterate() or change().
   struct Surface {
-    const triangulation::Triangulation* mesh = nullptr;  // null: leaves are all there is
+    const triangulation::Triangulation* mesh = nullptr;  // null: only leaves exist
     lattice::Point anchor;                               // absolute steps
     std::uint64_t outside = 0;                           // version of what is filed outside all leaves
   };
   virtual Surface surface() const { return {}; }
   // Where a leaf of leaves() is filed.
   virtual std::uint32_t region(lattice::LeafAddress) const { return 0; }
-  // Appends the vertices filed under a leaf that are new, or have another height, since whoever took them last: those of ground that was
-  // under other leaves then among them. For one reader.
+  // Appends the vertices filed under a leaf that are new, or have another height, since they were last taken, including those of ground
+  // that was under other leaves then. For one reader.
   virtual void takeFresh(lattice::LeafAddress, std::vector<triangulation::VertexId>&) {}
 
-  // The candidates that the camera of the last iteration may see, the worst first, at most so many: where the mesh would grow next. A pass
-  // over all triangles in view; spreads over the pool. The same for any number of threads.
+  // At most `most` candidates that the camera of the last iteration may see, the worst first: where the mesh would grow next. A pass over
+  // all triangles in view; spreads over the pool. The same for any number of threads.
   virtual std::vector<lattice::Candidate> candidates(std::uint32_t most) const = 0;
 };
 

@@ -12,11 +12,11 @@
 
 namespace ridgecast::query {
 
-// A query's answer, made in pieces of at most some hundred microseconds so that others get their turns between them. A decoded query is in
-// range, or its refusal is the answer. One thread at a time.
+// Answers a query in pieces of at most some hundred microseconds, between which others run. A decoded query is in range, or its refusal is
+// the answer. One thread at a time.
 class Answering {
  public:
-  // `edit`: of the terrain, to be said by the answer.
+  // `edit`: the terrain's, reported in the answer.
   Answering(std::shared_ptr<const terrain::Terrain> terrain, wire::Query query, std::uint64_t edit = 0);
   bool isDone() const { return done_ == size_; }
   const wire::Query& query() const { return query_; }

@@ -1,9 +1,9 @@
 #pragma once
-// What a recording holds: everything that came into a session and decides its meshes, in the order in which it took effect.
+// What a recording holds: every input of a session that determines its meshes, in the order in which it took effect.
 //
 // A camera's mesh is a function of its inputs alone: the ground it begins on and the settings it was granted (Joined), then for each
 // iteration the settings, bound, ground and camera that it was given (Iterated), and the edits that make the ground (Edited). Threads and
-// time have no part in it, so whoever repeats these calls gets the same hashes. The clock and the questions are for people and onlookers.
+// time do not affect it, so repeating these calls gives the same hashes. The clock and the questions are for people and onlookers.
 
 #include <chrono>
 #include <cstdint>

@@ -48,10 +48,10 @@ class Encoder {
   std::map<std::uint64_t, Known> cameras_;
 };
 
-// Not thread-safe. Whatever the bytes, it takes memory in proportion to them.
+// Not thread-safe. For any input, memory is in proportion to its bytes.
 class Decoder {
  public:
-  // Takes the next record off the front of a block. Error: one sentence; there is no use in going on.
+  // Takes the next record off the front of a block. Error: one sentence; decoding cannot continue.
   Outcome<Record> next(std::span<const std::uint8_t>& block);
 
  private:

@@ -2,7 +2,7 @@
 // The flights in a recording as camera paths (common/camera/path.h), which `ridgecast-client fly --path` follows.
 //
 // A keyframe for each pose that an iteration took, at the time of the recording since the first of its file; poses within a millisecond
-// are one, the last. Heights are absolute. A flight of more than kMaxKeyframes or 24 h goes on in another file.
+// are one, the last. Heights are absolute. A flight of more than kMaxKeyframes or 24 h continues in another file.
 
 #include <cstddef>
 #include <filesystem>

@@ -61,8 +61,8 @@ class Reader {
   const World& world() const { return world_; }
   // The next record, without what a later part repeats of the earlier ones. Nothing: the end.
   std::optional<Record> next();
-  // Why the recording ends before its files do, in one sentence with the time; empty: it does not. A last block that is not whole is no
-  // damage, nor is a last part that was only begun: wasCutOff().
+  // Why the recording ends before its files do, in one sentence with the time; empty: it does not. An incomplete last block is not damage,
+  // nor is a last part that was only begun: wasCutOff().
   const std::string& damage() const { return damage_; }
   bool wasCutOff() const { return wasCutOff_; }
   double seconds() const { return static_cast<double>(time_) / 1e6; }  // of the last record

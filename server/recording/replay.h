@@ -2,11 +2,11 @@
 // Repeats what a recording holds: makes every camera's meshes from the recorded inputs, as fast as the threads go, and compares each
 // iteration's hash with the recorded one.
 //
-// A camera's mesh has a history that its points alone do not tell: candidates, pages that sleep, vertices that rest, the threshold that the
-// budget has raised, the way of the camera. A mesh begun anew from recorded points would go on differently, and all of the state is tens of
-// megabytes. So there is one kind of checkpoint, which costs nothing: where a camera joins, its mesh begins from nothing. From a time on,
-// a camera is repeated since its last beginning before that time, and judged after it. A camera whose beginning is in a part that was
-// deleted cannot be repeated until it joins again; those iterations are counted as unknown.
+// A camera's mesh has state beyond its points: candidates, sleeping pages, resting vertices, the threshold that the budget has raised, the
+// camera's travel. A mesh rebuilt from recorded points would continue differently, and the full state is tens of megabytes. So there is one
+// kind of checkpoint, which costs nothing: where a camera joins, its mesh begins from nothing. To judge from a time on, a camera is
+// repeated from its last join before that time. A camera whose join is in a deleted part cannot be repeated until it joins again; those
+// iterations are counted as unknown.
 
 #include <cstdint>
 #include <filesystem>

@@ -1,14 +1,13 @@
 #pragma once
 // A triangulation that follows the terrain: the triangles, a candidate for each, and what removing each vertex would cost. The only place
-// that changes them, so that they always belong together. Which regions there are, and when, is generation's business; which views there
-// are, the pipeline's.
+// that changes them, so that they always match. Generation decides which regions exist, and when; the pipeline decides the views.
 //
 // A triangle's *candidate* is the point of the true terrain that would improve the mesh most there, chosen once, when the triangle is new
 // (candidates.cpp). A vertex's *loss* is the error that its removal would make (coarsening.cpp). *Fixed* vertices are never removed.
 //
 // Positions are in steps relative to anchor(), heights in steps, absolute. Arrays grow resident with the mesh.
 //
-// Threads: what says "one region" touches only records of that region, so that different regions may be worked on at the same time; with a
+// Threads: calls marked "one region" touch only records of that region, so that different regions may be processed concurrently; with a
 // write set, those of its regions. Everything else: one thread, alone.
 
 #include <atomic>
@@ -53,7 +52,7 @@ class AdaptiveMesh {
   // The level to which vertices outside all regions are snapped.
   static constexpr int kOutsideLevel = 8;
 
-  // `triangles`: room for so many. The partition answers relative to anchor(). `colourError`: the bound of ColourError; 0: off.
+  // `triangles`: the capacity. The partition answers relative to anchor(). `colourError`: the bound of ColourError; 0: off.
   AdaptiveMesh(std::shared_ptr<const terrain::Terrain> terrain, std::uint32_t triangles, Metric metric,
                const triangulation::Partition& partition, double colourError = 0);
 
@@ -95,17 +94,16 @@ class AdaptiveMesh {
   void snap(VertexId v);
 
   // ---- other ground ----
-  // From now on this terrain, which differs from the one before within these areas. Call for each region that may hold a part of them,
-  // first raiseVertices(), then refreshTriangles(): vertices take their new heights, triangles new candidates with the next
-  // evaluateFresh().
+  // Sets the terrain, which differs from the previous one within these areas. Call for each region that may hold a part of them, first
+  // raiseVertices(), then refreshTriangles(): vertices take their new heights, triangles new candidates with the next evaluateFresh().
   void setTerrain(std::shared_ptr<const terrain::Terrain> terrain, std::span<const lattice::Area> changed);
   void raiseVertices(RegionId region);     // one region
   void refreshTriangles(RegionId region);  // one region
 
   // ---- refinement ----
   // Finds in each region, if it `isSeen`, the candidates at or above the threshold, and the vertices whose remembered loss is below
-  // `removalLimit`, into `work`, which is empty and not touched where there is nothing to do. A wanted candidate is found once: whoever
-  // does not insert it must postpone() it. Several regions at a time, so that what one reads is fetched meanwhile.
+  // `removalLimit`, into `work`, which is empty and stays untouched if there is nothing to do. A wanted candidate is found once: a caller
+  // that does not insert it must postpone() it. Takes several regions at a time, to prefetch what the next ones read.
   struct Search {
     RegionId region;
     bool isSeen;
@@ -121,7 +119,7 @@ class AdaptiveMesh {
   void removeUnneeded(RegionId region, const View& view, triangulation::WriteSet& set, Work& work);
   // Inserts what is pending; the rest is in work.deferred. By write set.
   void insertWanted(RegionId region, const View& view, triangulation::WriteSet& set, Work& work);
-  // Both come soon: what they read first is brought into the cache.
+  // Call shortly before both: prefetches what they read first.
   void prefetch(const Work& work) const {
     for (const Pending& wanted : work.pending) mesh_.prefetch(wanted.triangle);
     for (VertexId v : work.removable) mesh_.prefetchVertex(v);  // not read: others may write it meanwhile
@@ -197,7 +195,7 @@ class AdaptiveMesh {
   void setHash(TriangleId t, std::uint64_t term) {
     PageScreen& page = screens_[mesh_.trianglePages().pageOf(t)];
     const std::uint32_t k = mesh_.trianglePages().indexOf(t);
-    page.hash += term - (hashes_[t] & -(page.hashed >> k & 1));  // nobody could predict a branch
+    page.hash += term - (hashes_[t] & -(page.hashed >> k & 1));  // a branch would be unpredictable
     page.hashed |= Mask{1} << k;
     hashes_[t] = term;
   }

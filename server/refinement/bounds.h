@@ -1,11 +1,10 @@
 #pragma once
-// What need not be looked at in this iteration.
+// Which pages an iteration need not check.
 //
-// What is seen of an error depends on where the camera is, and that changes little from one iteration to the next. Whenever a page of 64
-// candidates is checked, its *bounds* are kept: the largest errors, as seen, of the candidates that were not wanted, and the smallest
-// distance. They say how far the camera may travel before any of the page's candidates can reach the threshold: the page's *next check*.
-// Until then the page is *skipped*. A region's next check is the earliest of its pages', so most regions cost one line of memory an
-// iteration.
+// An error as seen depends on where the camera is, which changes little from one iteration to the next. Whenever a page of 64 candidates is
+// checked, its *bounds* are kept: the largest errors, as seen, of the candidates that were not wanted, and the smallest distance. They say
+// how far the camera may travel before any of the page's candidates can reach the threshold: the page's *next check*. Until then the page
+// is *skipped*. A region's next check is the earliest of its pages', so most regions cost one line of memory an iteration.
 //
 //     error as seen                            _,-   the bound: no candidate of the page is above it
 //     threshold |.........................._,-'....
@@ -46,7 +45,7 @@ namespace ridgecast::refinement {
 struct Place {  // steps, y absolute
   std::int32_t x, z, y;
 };
-// What is seen of a vertical error at a point, in the metric's unit (records.h). For kArea, `error` includes the triangle's weight. Steps.
+// A vertical error at a point as seen, in the metric's unit (records.h). For kArea, `error` includes the triangle's weight. Steps.
 double seenError(const Place& at, float error, const View& view);
 
 // While the camera moves a page is checked only when the threshold may be passed by this factor.
@@ -73,7 +72,7 @@ inline void setNextCheck(NextCheck& next, const PageScreen& page, double skipped
   else if (view.moving)
     next.travel = std::min(next.travel, page.dormantSince + page.dormantFor);
 }
-// The contents of so many pages are fetched ahead of the one at hand.
+// Pages prefetched ahead of the current one.
 inline constexpr std::size_t kPagesAhead = 2;
 
 inline void join(NextCheck& earliest, const NextCheck& next) {

@@ -22,7 +22,7 @@ using Tint = std::array<float, 3>;
 class ColourError {
  public:
   static constexpr double kSmear = 0.25;
-  // Of the bound: differences down to here keep a vertex that is there, so that nothing flickers.
+  // Of the bound: differences down to here keep an existing vertex, so that nothing flickers.
   static constexpr double kKept = 0.5;
 
   // `bound`: of the largest difference of red, green or blue, 0..1; 0 or a terrain without colours: no colour is an error.

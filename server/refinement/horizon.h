@@ -3,11 +3,11 @@
 //
 // Rays leave the eye in fixed directions of the compass; along each the true terrain is sampled at distances that grow geometrically, and
 // the steepest elevation up to each is kept. A point is hidden when it lies below what both neighbouring rays have seen before it. That
-// depends on where the eye is and not on where it turns. Between rays and samples the ground may dip, so a few points that are seen through
-// a notch a few pixels wide are called hidden; what is called visible merely costs triangles.
+// depends on the eye's position, not its direction. Between rays and samples the ground may dip, so a few points that are seen through a
+// notch a few pixels wide are called hidden; points called visible merely cost triangles.
 //
 // While the eye moves the rays start from a centre that it may leave a little before they are cast again; at rest they start from the eye.
-// Only the directions that the wide frustum can see are cast. follow() and cast(): one thread decides, then any number cast different rays.
+// Only the directions that the wide frustum can see are cast. follow(): one thread; then any number of threads cast() different rays.
 // hidden(): any thread, in between.
 
 #include <cstdint>
@@ -31,7 +31,7 @@ class Horizon {
   static constexpr double kFirst = 32;  // metres: the nearest sample; the last is 31 km away
 
   explicit Horizon(std::shared_ptr<const terrain::Terrain> terrain) : terrain_(std::move(terrain)) {}
-  // Other ground from now on, within these areas alone: rays over them are cast again, and all of them if the eye is not at the centre.
+  // Sets new ground, which differs only within these areas: rays over them are cast again, or all rays if the eye is not at the centre.
   void setTerrain(std::shared_ptr<const terrain::Terrain> terrain, std::span<const lattice::Area> changed);
 
   // Where the eye is now; `above`: metres over the ground; `leave`: how far it may leave the centre, 1 as a rule; 0, for an eye at rest:

@@ -1,10 +1,10 @@
 #pragma once
-// The metrics: how the error of a candidate or a vertex is measured for a camera. All that tells one from another, but for its name and
-// limits (common/settings).
+// The metrics: how the error of a candidate or a vertex is measured for a camera. Everything that tells them apart, except names and limits
+// (common/settings).
 //
 // kPixels  distance on screen, in pixels, between the candidate on the mesh and on the terrain, measured where the camera looks straight at
-//          it: error x cos(elevation) x pixels per radian / distance. It does not depend on where the camera turns, so turning makes no
-//          thrash.
+//          it: error x cos(elevation) x pixels per radian / distance. It does not depend on the camera's direction, so turning causes no
+//          thrashing.
 // kArea    the same times the fourth root of the triangle's area in square pixels, seen face on at the candidate's distance: an error that
 //          covers more of the picture counts for more. The fewest triangles for a picture; no promise about any one pixel.
 // kThesis  (area in normalised device coordinates)^0.5 x 40 x (distance in normalised device coordinates), Cavallin and Pettersson 2019,

@@ -14,7 +14,7 @@
 
 namespace ridgecast::refinement {
 
-// Slots without a candidate lie here, so that they are nobody's nearest; steps, and its square's square fits a float.
+// Where slots without a candidate lie, so that they are never nearest; steps, and its fourth power fits a float.
 inline constexpr std::int32_t kFarAway = 1 << 29;
 inline constexpr double kAlways = -std::numeric_limits<double>::infinity();  // a next check that is always due
 
@@ -66,7 +66,7 @@ static_assert(sizeof(PageScreen) == 64);
 struct PageLosses {
   double nextCheck = kAlways;
   double travel = -1;
-  float leastSlope = 0;         // of any vertex that was not to go: loss as seen, pixels / pixels per radian
+  float leastSlope = 0;         // of any vertex that was to stay: loss as seen, pixels / pixels per radian
   float flat = 0, nearest = 0;  // steps: smallest horizontal and smallest distance
 };
 
@@ -110,7 +110,7 @@ struct Work {
   std::vector<Pending> deferred;  // their changes would have left the write set
 
   bool isEmpty() const { return pending.empty() && removable.empty(); }
-  // It is done. The memory of much work is given back: a mesh made from nothing has much in every region.
+  // Clears finished work and frees large lists: a mesh made from nothing has them in every region.
   void end() {
     const auto empty = [](auto& list) {
       list.clear();

@@ -2,7 +2,7 @@
 // What one client holds after applying everything sent: each leaf and its version. Decides what the next iteration must carry and checks
 // acknowledgements. Knows only addresses, versions and hashes: no socket, thread or mesh (encoding keeps the points that the client holds).
 //
-// The stream is ordered and lossless, so what was sent is what will be held. Acknowledgements bound what is under way and prove, by the
+// The stream is ordered and lossless, so what was sent is what will be held. Acknowledgements bound what is in flight and prove, by the
 // mesh's hash, that both sides agree.
 //
 // States of a leaf, and the lists of Changes that move it:
@@ -37,8 +37,8 @@ struct Changes {
   std::vector<lattice::LeafAddress> whole;  // new, changed or requested again; leaves without triangles are held too, as empty
   // For clients that follow points, which otherwise have nothing whole.
   std::vector<lattice::LeafAddress> come;
-  std::vector<lattice::LeafAddress> touched;  // held before: their points may be others
-  std::vector<lattice::LeafAddress> other;    // of both: whose triangles are others than before
+  std::vector<lattice::LeafAddress> touched;  // held before: their points may differ
+  std::vector<lattice::LeafAddress> other;    // of both: whose triangles have changed
   bool anew = false;                          // the client's points are those of the leaves that it holds then, before others come and go
   std::uint64_t meshHash = 0;                 // of what the client holds afterwards
 };

@@ -11,7 +11,7 @@ namespace ridgecast::scheduling {
 
 struct Colouring {
   std::vector<std::uint32_t>
-      tasks;    // by (colour, number): running them one after the other in this order is what running them in parallel comes to
+      tasks;    // by (colour, number): running them in parallel gives the result of running them one by one in this order
   Order order;  // for Pool::forEachOrdered, by place in `tasks`
 };
 

@@ -13,10 +13,10 @@
 
 namespace ridgecast::scheduling {
 
-// What loops give way to.
+// The executor that loops give way to.
 struct Courtesy {
   const Atomic<unsigned>* others = nullptr;  // threads that work for the executor that goes first; null: there is none
-  double rests = 0;                          // as long as was worked, times this, while there are others
+  double rests = 0;                          // duration of a rest, as a multiple of the work, while there are others
 
   // Of the calling thread's work, in or between loops, since it was last here.
   void rest() const {
@@ -24,7 +24,7 @@ struct Courtesy {
     thread_local std::chrono::steady_clock::time_point looked{};
     thread_local std::chrono::nanoseconds rested{};
     if (!others || std::chrono::steady_clock::now() - looked < kWorkAtATime) return;
-    const auto worked = threadCpuTime() - rested;  // its own time: on a busy machine it has waited long enough
+    const auto worked = threadCpuTime() - rested;  // CPU time: on a busy machine the thread has waited long enough
     if (worked >= kWorkAtATime && others->load(std::memory_order_relaxed) > 0)
       std::this_thread::sleep_for(std::min<std::chrono::duration<double>>(rests * worked, kLongest));
     rested = threadCpuTime();
@@ -36,7 +36,7 @@ class Loop {
  public:
   Loop(const std::function<void(std::size_t)>& task, const Courtesy& courtesy) : task_(task), courtesy_(courtesy) {}
 
-  // After a failure, what has not begun is passed over.
+  // After a failure, tasks that have not begun are skipped.
   void operator()(std::size_t k) noexcept {
     courtesy_.rest();
     if (failed_.load(std::memory_order_relaxed)) return;

@@ -2,9 +2,9 @@
 // A logical worker pool for each camera over the threads of an executor.
 //
 // An Executor owns the threads. A Pool is one camera's share: its own queue, and at most `limit` of its tasks in flight at any time.
-// Pools that have work are served round robin, one batch each, so that a thousand cameras share the threads fairly. Of two or more threads
-// all may be at tasks that take long (10 ms of one thread): one thread more then begins the short tasks (4 ms) of others at once, and the
-// system shares the processors out.
+// Pools that have work are served round robin, one batch each, so that a thousand cameras share the threads fairly. If there are two or
+// more threads and all run long tasks (over 10 ms of CPU time), one extra thread starts other pools' short tasks (up to 4 ms) at once, and
+// the system shares out the processors.
 
 #include <cstddef>
 #include <cstdint>
@@ -22,11 +22,11 @@ void lowerPriority(int by);
 
 class Executor {
  public:
-  // threads 0: as many as the hardware has. `first`: while that executor works, loops of this one rest between their tasks, so that they
-  // take `share` of all cores, 0 < share <= 1, whatever else runs: no less, as a low priority would, and no more even if a core is free,
-  // for what works takes cache and memory from the others.
+  // threads 0: as many as the hardware has. While `first` works, this executor's loops rest between tasks, so that it uses exactly `share`
+  // of all cores, 0 < share <= 1, whatever else runs: not less (a low priority could starve it), not more even if a core is free (it would
+  // take cache and memory bandwidth).
   explicit Executor(unsigned threads, const Executor* first = nullptr, double share = 1);
-  // Without threads: tasks wait for work(). What a program makes then depends on its calls alone.
+  // Without threads: tasks wait for work(). A program's results then depend only on its calls.
   struct WithoutThreads {};
   explicit Executor(WithoutThreads);
   ~Executor();  // waits for the tasks in flight; tasks still queued are dropped
@@ -36,9 +36,9 @@ class Executor {
   unsigned threads() const;
   // Posted tasks that no thread has begun, of all pools. Any thread.
   std::size_t queued() const;
-  // Without threads: the calling one runs all posted tasks, also those that they post.
+  // Without threads: the calling thread runs all posted tasks, including those that they post.
   void work();
-  // limit 0: min(4, threads). The pool may outlive the executor only without being used.
+  // limit 0: min(4, threads). The pool may outlive the executor, but must not be used then.
   std::shared_ptr<Pool> makePool(unsigned limit = 0);
 
  private:
@@ -56,12 +56,12 @@ class Pool {
   // Queues a task, which must not throw; false when the pool's queue is full (1,024 posted tasks), or the executor has ended. Any thread.
   bool post(std::function<void()> task);
 
-  // A loop follows within microseconds: one thread of the executor that sleeps, if any, is woken now and looks around for it.
+  // Call when a loop follows within microseconds: wakes one sleeping thread of the executor, if any, to look for it.
   void wakeOne();
 
-  // body(k) for every k in [0, count), in parallel; returns when all are done. The calling thread takes part, so that a task of this
-  // pool may call it without a thread of its own being lost. `grain` indices are handed out at a time. What body throws first is
-  // thrown here, after those that had begun; others are then passed over.
+  // body(k) for every k in [0, count), in parallel; returns when all are done. The calling thread takes part, so that a task of this pool
+  // may call it without tying up a thread. Hands out `grain` indices at a time. Rethrows the first exception of body once the calls that
+  // had begun have ended; the others are skipped.
   void forEach(std::size_t count, std::size_t grain, const std::function<void(std::size_t)>& body);
 
   // The same, but task k starts only when all of order[k] are done; everything that ran in a predecessor is visible to it.

@@ -46,7 +46,7 @@ class Range final : public Region {
   }
 
   bool batch() noexcept {
-    // Looked at before it is raised, so that late helpers cannot carry the counter around.
+    // Checked before it is raised, so that late helpers cannot make the counter wrap.
     if (next_.load(std::memory_order_relaxed) >= count_) return false;
     const std::size_t begin = next_.fetch_add(grain_);
     if (begin >= count_) return false;

@@ -1,6 +1,6 @@
 #pragma once
-// What the room's threads wait with and measure by: the system's. A test puts its own in their place (RIDGECAST_CONTROLLED_THREADS), so
-// that it decides which thread goes on at every lock, wait, notification and atomic, and can try all orders. Private to the room.
+// The room's synchronisation and timing primitives: the system's. A test substitutes its own (RIDGECAST_CONTROLLED_THREADS), so that it
+// decides which thread continues at every lock, wait, notification and atomic, and can try all orders. Private to the room.
 #ifndef RIDGECAST_CONTROLLED_THREADS
 
 #include <atomic>
@@ -24,7 +24,7 @@ inline std::chrono::nanoseconds threadCpuTime() {
   return std::chrono::seconds(t.tv_sec) + std::chrono::nanoseconds(t.tv_nsec);
 }
 
-// A thread that runs dry looks around this long before it sleeps: an iteration is a row of short loops, and waking a thread takes longer.
+// An idle thread spins this long before it sleeps: an iteration is a series of short loops, and waking a thread takes longer.
 inline constexpr std::chrono::microseconds kSpin{100};
 
 inline void pause() {

@@ -30,7 +30,7 @@ class CameraSession : public std::enable_shared_from_this<CameraSession> {
   // The client is gone: sends nothing more; a task of the pool frees the mesh.
   void close();
 
-  // The session's ground has changed: the mesh follows in the next iteration, and who wants to know of edits is told.
+  // The session's ground has changed: the mesh follows in the next iteration, and a client that asked for edits is told.
   void groundChanged();
 
   // Copies the mesh between two iterations, a few milliseconds at a time so that other cameras get their turns. Hands the copy over on a
@@ -38,7 +38,7 @@ class CameraSession : public std::enable_shared_from_this<CameraSession> {
   bool copy(TakeCopy done);
   static constexpr std::size_t kMaxCopies = 16;
 
-  // A client whose window has been full for so long without an acknowledgement is sent away.
+  // A client whose window has been full this long without an acknowledgement is sent away.
   static constexpr std::chrono::minutes kAcknowledgeTimeout{5};
 
   std::uint64_t id() const { return id_; }

@@ -1,6 +1,6 @@
 #pragma once
-// What members are told of edits: pages of the history, each coded once for all who stand at the same edit. A page is made when somebody
-// asks for it and lives as long as somebody's queue has it, so that a million edits that nobody reads take nothing.
+// The edits that members are told of: pages of the history, each encoded once for all members at the same edit. A page is made on request
+// and lives while a queue holds it, so that a million unread edits take nothing.
 
 #include <cstddef>
 #include <cstdint>
@@ -33,7 +33,7 @@ class EditPages : public std::enable_shared_from_this<EditPages> {
     std::uint64_t last = 0;                      // its last edit
   };
   using Take = std::function<void(const Outcome<Page>& page)>;
-  // The edits that follow `after`. Called by a task; whoever asks bounds the number of calls.
+  // The edits that follow `after`. `take` is called by a task; callers bound the number of calls.
   void page(std::uint64_t after, Take take);
 
  private:

@@ -1,6 +1,6 @@
 #pragma once
-// How many bytes the edits of a server may take: those that wait to be made, in memory, and those that living sessions have, which are kept
-// on disk and whose operations the ground's history has in memory. Any thread.
+// How many bytes the edits of a server may take: in memory those that wait to be made; on disk those of live sessions, whose operations the
+// ground's history also has in memory. Any thread.
 
 #include <atomic>
 #include <cstddef>
@@ -19,7 +19,7 @@ class EditSpace {
   EditSpace() = default;
   explicit EditSpace(const Limits& l) : limits(l) {}
 
-  // So many bytes of `most` at once. False: they are not there.
+  // At most `most` bytes at once. False: too few are left.
   class Share {
    public:
     bool take(std::uint64_t bytes, std::uint64_t most) {

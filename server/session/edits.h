@@ -1,12 +1,12 @@
 #pragma once
-// What members have done to a session's ground: takes edits in, gives them their numbers, and has the ground that follows from them.
+// What members have done to a session's ground: takes edits in, numbers them, and has the resulting ground.
 //
 //   ask() --> waits (kMaxWaiting, until it is answered) --> its key is looked up (disk) --> paid for and made, in turns
 //         --> kept, with those made before it in one write (disk) --> everybody's ground, done(number), and the cameras are told
 //
-// An edit is acknowledged by its number, and not before it is kept and in ground(). Those that come while a group is under way are the next
-// group. Edits wait their turn as all work does, and no thread but the disk's waits for the disk. An edit that is asked for again with its
-// key is neither paid for nor made again: it has the number that it had, or joins the one that waits. Any thread, unless said otherwise.
+// An edit is acknowledged by its number, once it is stored and in ground(). Edits that arrive while a group is in progress form the next
+// group. Edits wait their turn as all work does, and only the disk's thread waits for the disk. An edit repeated with its key is neither
+// paid for nor made again: it has the number that it had, or joins the one that waits. Any thread, unless said otherwise.
 
 #include <chrono>
 #include <cstdint>
@@ -39,7 +39,7 @@ struct Ground {
 };
 
 struct Edit {
-  std::string key;     // of its author, without line feeds; what is asked again with its key is made once. Empty: none
+  std::string key;     // of its author, without line feeds; an edit repeated with its key is made once. Empty: none
   std::string author;  // edits::toText
   edits::Operation operation;
 };
@@ -51,11 +51,11 @@ class Edits : public std::enable_shared_from_this<Edits> {
   static constexpr std::size_t kMaxWaiting = 256, kMaxWaitingOfOne = kMaxWaiting / 2;  // of one client that pays
   static constexpr std::size_t kRecent = 4096;                                         // edits whose areas are remembered
   static constexpr std::size_t kMaxAreas = 64;
-  static constexpr int kGroupTurns = 25;  // of making, before those that are made are kept
+  static constexpr int kGroupTurns = 25;  // of making, before a group is stored
 
   // Where edits are kept: a store, or how to make one for the first edit, which this client made.
   struct Kept {
-    std::shared_ptr<const void> held;  // let go of when the store is closed
+    std::shared_ptr<const void> held;  // released when the store is closed
     std::unique_ptr<edit_store::Store> store;
     std::optional<edits::History> history;  // the store's
     std::function<Outcome<std::unique_ptr<edit_store::Store>>(std::string_view client)> makeStore = [](std::string_view) {
@@ -84,22 +84,22 @@ class Edits : public std::enable_shared_from_this<Edits> {
   // The edit's number, or one sentence: why it was not made.
   struct Answer : Outcome<std::uint64_t> {
     using Outcome<std::uint64_t>::result;
-    // Of a refusal. Early: too much waits, or it is not paid for yet; the same may be asked again. Full: there is no room for edits in this
-    // session, in all, in memory or on the disk. Over: the session is.
+    // Of a refusal. Early: too much waits, or it is not paid for yet; retry later. Full: there is no room for edits in this session, in
+    // all, in memory or on the disk. Over: the session has ended.
     enum class Why { kWrong, kEarly, kFull, kOver } why = Why::kWrong;
   };
-  // `posts`: how many that took; 0 of an edit that was made before. Called by a task, or at once when it is refused before it waits.
+  // `posts`: how many the edit took; 0 if it was made before. Called by a task, or at once if it is refused before it waits.
   using Done = std::function<void(const Answer& number, std::uint64_t posts)>;
   // Error: it is too early. Called by a task when it is this edit's turn; none: it costs nothing.
   using Pay = std::function<Outcome<void>(const edits::Operation& operation, std::size_t bytes)>;
-  // One edit has as many `done` as it was asked for meanwhile; whoever asks bounds that.
+  // An edit has one `done` for each request for it meanwhile; callers bound their number.
   void ask(Edit edit, Done done, Pay pay = {});
 
-  // Of the edits that ground() has, as edit_store::Store::read. Called by the disk's thread; whoever asks bounds the number of calls.
+  // Of the edits that ground() has, as edit_store::Store::read. `read` is called by the disk's thread; callers bound the number of calls.
   using Read = std::function<void(Outcome<std::vector<Applied>> edits)>;
   void read(std::uint64_t after, std::size_t most, Read read);
 
-  // The session is over: what is not being made or kept yet is refused, and what comes later. Then the store is closed.
+  // Ends the session: edits that are not being made or stored yet are refused, as are later ones. Then the store is closed.
   void end();
   bool isOver() const;
 
@@ -127,14 +127,14 @@ class Edits : public std::enable_shared_from_this<Edits> {
   void readAll();
   std::optional<Answer> atOnce(const Applied& asked, bool pays, Done& done);  // under the lock; takes `done` where it joins
   std::optional<Answer> known(const Applied& asked);
-  std::optional<Answer> keptWith(const std::string& key, const Applied& asked);  // none: nobody has the key
+  std::optional<Answer> keptWith(const std::string& key, const Applied& asked);  // none: the key is unused
   bool step(Waiting& waiting);  // some more of it; whether it has its answer, or will once it is kept
   std::optional<Answer> begin(const Waiting& waiting);
   Answer finish(Waiting& waiting);
   Outcome<void> append();
   void takeBack(const Answer& why);
   void forget(const Waiting& waiting);  // under the lock
-  Error told(Error e);                  // to the operator, once while the same is wrong, with the place, of which clients do not hear
+  Error told(Error e);                  // to the operator, once while the same error lasts, with the place, which clients are not told
 
   const std::shared_ptr<const terrain::Terrain> terrain_;
   const std::shared_ptr<scheduling::Pool> pool_, disk_;

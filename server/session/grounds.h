@@ -1,12 +1,12 @@
 #pragma once
 // The ground around points, independent of the member's camera: a mesh of the square around the circle (server/box/box_mesh.h), of which
-// the triangles over the circle are sent. Every leaf carries the error that the mesh keeps, at most the requested one. If no mesh does,
-// the answer names an error that fits, for it was tried. That depends on terrain and triangles alone: the same question gets the same
-// answer, or on a busy server none in time.
+// the triangles over the circle are sent. Every leaf carries the error that the mesh keeps, at most the requested one. If no mesh keeps the
+// error, the reply names one that does (tested), if that was found in time. That depends only on terrain and triangles: the same question
+// gets the same answer, or on a busy server none in time.
 //
-// An actor beside the camera session: ask() may come from any thread and only queues. The work runs in turns, as tasks of the pool
-// that the questions of all cameras share, once there is a place (QueryQueues). Bounds: wire::kMaxGrounds requests that wait or whose answers
-// have not left; one of them in work; each is answered within kTimeout.
+// An actor beside the camera session: ask() may come from any thread and only queues. The work runs in turns, as tasks of the pool that the
+// questions of all cameras share, once there is a place (QueryQueues). Bounds: wire::kMaxGrounds requests that wait or whose answers have
+// not left; one of them in work; each is answered within kTimeout.
 
 #include <atomic>
 #include <chrono>

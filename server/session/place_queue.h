@@ -1,6 +1,5 @@
 #pragma once
-// Work that goes on beside the iterations and may not crowd them out: it waits for one of a few places in a pool, first come first served.
-// Any thread.
+// Background work that must not crowd out the iterations: it waits for one of a few places in a pool, first come, first served. Any thread.
 
 #include <deque>
 #include <memory>

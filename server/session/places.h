@@ -1,8 +1,8 @@
 #pragma once
 // Places for a server's cameras, the triangles set aside for each, and what all cameras of one client share.
 //
-// A camera has at least settings::kMinBudget. Beyond that it is granted what is left once as much is kept for every camera that may still
-// come; at most half of all is kept for those. What a camera was once granted stays set aside until it ends: its mesh keeps its memory.
+// A camera has at least settings::kMinBudget. Beyond that it is granted what is left after reserving as much for every camera that may
+// still come (at most half of all). What a camera was granted stays set aside until it ends: its mesh keeps its memory.
 
 #include <algorithm>
 #include <chrono>
@@ -19,27 +19,27 @@
 
 namespace ridgecast::session {
 
-// Heights of the terrain that one client's answers take: a fifth of a thread, or a thousand of the farthest rays.
+// Terrain heights for one client's answers: a fifth of a thread, or a thousand of the farthest rays.
 inline constexpr std::uint64_t kHeightsPerSecond = 8'000'000;
 
-// Posts that one client's edits look at; each counts as kMinEditedPosts at least. An edit may follow while those before it owe at most
+// Posts that one client's edits look at; each counts as kMinEditedPosts at least. An edit is accepted while earlier ones owe at most
 // kEditDebt: 100 small ones at once.
 inline constexpr std::uint64_t kEditedPostsPerSecond = 4'000'000, kMinEditedPosts = 10'000;
 inline constexpr std::chrono::milliseconds kEditDebt{250};
-// Bytes of one client's edits, as edit_store::Applied::bytes, and how long those before may owe when another follows: two large stamps.
+// Bytes of one client's edits, as edit_store::Applied::bytes, and how long earlier ones may owe when another is accepted: two large stamps.
 inline constexpr std::uint64_t kEditedBytesPerSecond = 256u << 10;
 inline constexpr std::chrono::milliseconds kEditBytesDebt{1000};
 
-// Messages that one client's streams bring. The socket's threads decode them, 128 KiB in two milliseconds at worst.
+// Bytes of messages on one client's streams. The socket's threads decode them, 128 KiB in two milliseconds at worst.
 inline constexpr std::uint64_t kMessageBytesPerSecond = 12u << 20;
 
 // What one client spends on all its connections together. Any thread.
 struct Budgets {
   conversation::SharedBudget queries{kHeightsPerSecond}, repairs{conversation::kRepairBytesPerSecond};
   conversation::SharedBudget edits{kEditedPostsPerSecond}, editBytes{kEditedBytesPerSecond}, messages{kMessageBytesPerSecond};
-  // An edit's bytes and posts, of which it returns the number, unless those before it are not paid for yet. Error: one sentence.
+  // Spends an edit's bytes and posts, and returns the number of posts, unless earlier edits are not paid for yet. Error: one sentence.
   Outcome<std::uint64_t> spendEdit(const edits::Operation& operation, std::size_t bytes, conversation::Budget::Clock::time_point now);
-  // It was made, and looked at so many: an undo makes other edits again.
+  // Charges the posts that a made edit looked at beyond those spent: an undo makes other edits again.
   void spendRest(std::uint64_t spent, std::uint64_t looked, conversation::Budget::Clock::time_point now) {
     if (looked > spent) edits.spend(now, looked - spent);
   }
@@ -71,8 +71,8 @@ class Places : public std::enable_shared_from_this<Places> {
   };
   // Error: there are as many cameras as there may be, or no triangles are left for another.
   Outcome<std::shared_ptr<Place>> enter();
-  // `client`: as http::Request::client; empty: nobody, who shares with nobody. They outlive the client's connections until they are
-  // full again; `now` is a time of the session's timer.
+  // `client`: as http::Request::client; empty: unknown, shared with nobody. Budgets outlive the client's connections until they are full
+  // again; `now` is a time of the session's timer.
   std::shared_ptr<Budgets> budgetsOf(const std::string& client, conversation::Budget::Clock::time_point now);
   std::uint32_t cameras() const;
   std::uint64_t triangles() const;  // set aside for all

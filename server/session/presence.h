@@ -9,7 +9,7 @@
 // A member that is not done with a step kStepTimeout after it began is passed over, as is one that the clock's owner names. That member and
 // the owner get one sentence about it, as does a member whose message to the clock has no effect.
 //
-// Who sets a recording's clock to an earlier time has it begin again there, in a successor of the session: nobody sees time go back here.
+// Setting a recording's clock back starts a successor session at that time; time never runs backwards within a session.
 //
 // Any thread. Messages are handed to the members' senders under a lock; senders do not call back.
 // Bounds: one entry a member; of departed members, at most those that it was notified of.
@@ -48,8 +48,8 @@ class Presence : public std::enable_shared_from_this<Presence> {
   // owner wants to go back to; it does not call back.
   void play(const wire::Clock& recording, std::function<void(std::uint64_t time)> goBack);
 
-  // `hello` has its name, role and requests; `pose` is its newest. `world` is sent first: whoever has received it is a member, for whom
-  // steps wait. None: it was sent before, or there is no sender.
+  // `hello` has its name, role and requests; `pose` is its newest. `world` is sent first: a client that has received it is a member, for
+  // which steps wait. None: it was sent before, or there is no sender.
   void join(std::uint64_t camera, const wire::Hello& hello, std::shared_ptr<Sender> sender, const std::optional<wire::PoseMessage>& pose,
             std::optional<wire::World> world = {});
   void receive(std::uint64_t camera, const wire::PoseMessage& pose);  // unknown cameras are ignored, here and below

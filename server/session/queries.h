@@ -2,8 +2,8 @@
 // One member's queries of the true terrain, answered one after another.
 //
 // An actor beside the camera session: ask() may come from any thread and only queues. The work runs in turns in the pool that the
-// questions of all cameras share; each turn waits for a place of its own behind everybody else's (QueryQueues). It costs the client's
-// Budgets::queries; what exceeds it waits. Bound: wire::kMaxQueries that wait or whose answers have not left.
+// questions of all cameras share; each turn waits for a place of its own behind all others (QueryQueues). It is charged to the client's
+// Budgets::queries, and waits when that is spent. Bound: wire::kMaxQueries that wait or whose answers have not left.
 
 #include <atomic>
 #include <chrono>

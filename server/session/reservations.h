@@ -1,6 +1,6 @@
 #pragma once
-// Names of sessions, each of which one maker has at a time: taken before anything of the session is looked at, and, if the server keeps
-// edits, held until its log is closed, against other servers on the same folder too (edit_log/lock.h). Any thread.
+// Session names, each held by one maker at a time: taken before anything of the session is read and, if the server keeps edits, held until
+// its log is closed, also against other servers on the same folder (edit_log/lock.h). Any thread.
 //
 //   take() --> kept() says of which world its edits are --> keep() --> the session's Edits, which let go of it last of all
 
@@ -46,9 +46,9 @@ class Reservations {
   // The folder of the logs; empty: edits are not kept. Throws std::runtime_error with one sentence when it cannot be written.
   explicit Reservations(std::filesystem::path state);
 
-  // Null: somebody here has it. Error: one sentence; another server has it, or its log cannot be read.
+  // Null: it is taken here. Error: one sentence; another server has it, or its log cannot be read.
   Outcome<std::unique_ptr<Reservation>> take(const std::string& name) const;
-  // Of a name that nobody here has: whether another server has it.
+  // For a name not taken here: whether another server has it.
   bool isElsewhere(const std::string& name) const { return !state_.empty() && edit_log::Lock::isTaken(logOf(name)); }
   // Whether there is a log of this name.
   bool hasLog(const std::string& name) const;

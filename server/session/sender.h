@@ -13,12 +13,12 @@
 
 namespace ridgecast::session {
 
-// One request is open no longer once the last copy is released.
+// A request stays open until the last copy is released.
 inline std::shared_ptr<const void> ticketOf(std::shared_ptr<std::atomic<std::size_t>> open) {
   return {nullptr, [open = std::move(open)](const void*) { --*open; }};
 }
 
-// What a client is told of a failure in its work, which ends its camera alone.
+// What a client is told of a failure in its work, which ends only its camera.
 inline wire::ErrorMessage failureOf(const std::exception& failure) {
   if (dynamic_cast<const std::bad_alloc*>(&failure))
     return {wire::ErrorCode::kLimit, "The server ran out of memory at this camera's work; connect again with a smaller triangle budget."};
@@ -32,10 +32,10 @@ class Sender {
   // `ticket` is released once the message has left for the operating system or is dropped. The holder of a weak pointer to it can
   // see whether the message is still queued, and need not send another of its kind.
   virtual void send(wire::ServerMessage message, std::shared_ptr<const void> ticket = {}) = 0;
-  // The same of a message that many are sent: its wire::encode.
+  // The same for a message sent to many: its wire::encode.
   virtual void sendShared(std::shared_ptr<const std::string> encoded, std::shared_ptr<const void> ticket) = 0;
   virtual std::size_t queuedBytes() const = 0;  // not yet handed to the operating system
-  // Sends the message, then ends the connection. What work that had begun sends after it is dropped.
+  // Sends the message, then ends the connection. Anything that running work sends after it is dropped.
   virtual void fail(wire::ErrorMessage message) = 0;
 };
 

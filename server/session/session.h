@@ -2,10 +2,10 @@
 // Named worlds and their members.
 //
 // A Session is a terrain with its seed and parameters, seen by several cameras; its world never changes while it lives (a successor may
-// take its name: Directory::replace), its ground by edits alone (edits.h). The Directory holds the sessions by name. `default` always
-// exists; the others end after a while without members, and within seconds if nobody has said hello in them; the edits of those that have
-// any are kept, if there is a place for them. One client makes at most Limits::maxSessionsPerClient of those that live. Every camera has
-// its own mesh, replica and pool (camera_session.h).
+// take its name: Directory::replace); its ground changes only by edits (edits.h). The Directory holds the sessions by name. `default`
+// always exists; the others end after a while without members, and within seconds if nobody has said hello in them; their edits are kept,
+// if there is a place for them. One client may have made at most Limits::maxSessionsPerClient of the live sessions. Every camera has its
+// own mesh, replica and pool (camera_session.h).
 
 #include <atomic>
 #include <chrono>
@@ -88,7 +88,7 @@ struct Resources {
   // Not owned: a task may be the last owner of anything here, and an executor cannot be destroyed by its own threads. Destroyed after the
   // sockets are closed; remaining tasks are dropped.
   scheduling::Executor* executor = nullptr;
-  // Of one thread, where edits are written and read, so that no other waits for a disk. Null: the executor's.
+  // Of one thread, which writes and reads edits, so that no other waits for a disk. Null: `executor` does.
   scheduling::Executor* disk = nullptr;
   scheduling::Executor& writer() const { return disk ? *disk : *executor; }
   MakeMesh makeMesh;
@@ -111,7 +111,7 @@ struct Resources {
   mutable std::optional<QueryQueues> questions_;
 };
 
-// Something of which there are only so many; released with its last copy.
+// One unit of a limited resource; released with its last copy.
 using Place = std::shared_ptr<const void>;
 
 inline constexpr std::uint64_t kBytesPerTriangle = 160;  // of a camera's mesh, replica and bases
@@ -135,7 +135,7 @@ class Session {
   std::shared_ptr<const terrain::Terrain> terrain() const { return ground().terrain; }  // of ground()
   Edits& edits() const { return *edits_; }
   EditPages& editPages() const { return *editPages_; }
-  // Asks for it; what it costs is these budgets'. `done` as Edits::Done.
+  // Asks for the edit, charged to these budgets. `done` as Edits::Done.
   void edit(Edit edit, std::shared_ptr<Budgets> budgets, std::function<void(const Edits::Answer& number)> done);
   const WorldSpec& spec() const { return spec_; }
   std::uint64_t contentHash() const { return contentHash_; }  // of the world, whatever its edits
@@ -156,10 +156,10 @@ class Session {
   std::shared_ptr<Budgets> budgetsOf(const std::string& client) const { return places_->budgetsOf(client, resources_->timer->now()); }
   // Ends it if it has no members; then nobody can enter or edit.
   bool end();
-  // It was ended, or has a successor: whoever enters now must connect again, and nobody can edit.
+  // It was ended, or has a successor: a client that enters now must connect again, and nobody can edit.
   void retire();
   bool isRetired() const { return isRetired_; }
-  // A member has said hello, or somebody without a place uses it: an idle session that is used does not end.
+  // A member has said hello, or a client without a place uses it: an idle session that is used does not end.
   void use() { ++uses_; }
   std::uint64_t uses() const { return uses_; }
 
@@ -192,11 +192,11 @@ class Directory : public std::enable_shared_from_this<Directory> {
   std::shared_ptr<Session> find(std::string_view name) const;  // none: nullptr
   // Whether edits are kept of a session of this name.
   bool keeps(const std::string& name) const { return reservations_.hasLog(name); }
-  // The right to add the session of a valid name. Null: it lives, or somebody is adding it, or one that has ended closes its log: find it,
-  // or ask again in a moment. Error: one sentence; another server has it, or its edits cannot be read.
+  // The right to add the session of a valid name. Null: it lives, is being added, or has ended and is closing its log: find() it, or ask
+  // again in a moment. Error: one sentence; another server has it, or its edits cannot be read.
   Outcome<std::unique_ptr<Reservation>> reserve(const std::string& name) const;
-  // With the edits that are kept of it, which may take seconds. `maker`: the client, as http::Request::client; empty: the operator, who has
-  // no share. Error: full(), or the edits that are kept are of another world.
+  // Adds the session with the edits kept of it, which may take seconds. `maker`: the client, as http::Request::client; empty: the operator,
+  // who has no share. Error: full(), or the edits that are kept are of another world.
   Outcome<std::shared_ptr<Session>> add(std::unique_ptr<Reservation> reservation, std::shared_ptr<const terrain::Terrain> terrain,
                                         std::vector<std::pair<std::string, double>> parameters = {}, std::string maker = {},
                                         wire::ClockMode clock = wire::ClockMode::kRealTime);
@@ -208,11 +208,11 @@ class Directory : public std::enable_shared_from_this<Directory> {
   // places until they leave. `prepare` is called with the successor before anybody can find it. Returns false if it has ended already.
   bool replace(const std::shared_ptr<Session>& session, std::shared_ptr<const terrain::Terrain> terrain,
                const std::function<void(const Session& successor)>& prepare = {});
-  // Ends a session for the operator: its name is free, and whoever enters it now must connect again. The caller sends its members away.
-  // Null: there is none, or it is the default one.
+  // Ends a session for the operator: its name is free, and a client that enters it now must connect again. The caller sends its members
+  // away. Null: there is none, or it is the default one.
   std::shared_ptr<Session> remove(std::string_view name);
   std::vector<std::shared_ptr<Session>> all() const;  // by name
-  // Why this maker can add no other session now: the server has its limit, or the maker its share.
+  // Why this maker cannot add another session now: the server is at its limit, or the maker at its share.
   struct Full {
     bool isOwn;  // the share
     std::string sentence;
@@ -221,7 +221,7 @@ class Directory : public std::enable_shared_from_this<Directory> {
 
   // Of a valid name that find() does not know: whether another server has it, which will let go of it.
   bool isElsewhere(const std::string& name) const { return reservations_.isElsewhere(name); }
-  // Where another server has the default session, this one takes it as soon as that one lets go of it. Once, before anybody asks for it.
+  // If another server has the default session, takes it as soon as that server releases it. Call once, before anybody asks for it.
   void awaitDefault();
 
   const Resources& resources() const { return *resources_; }

@@ -7,7 +7,7 @@
 
 namespace ridgecast::session {
 
-// Of work in one task, before others have theirs.
+// Of work in one task, before others run.
 inline constexpr std::chrono::milliseconds kTurn{2};
 
 // Any thread; const, because everyone who shares the resources may schedule calls. Callers bound their number.

@@ -1,9 +1,9 @@
 #pragma once
-// Web map tiles of a part of the world as one file for any file server, a PMTiles archive (server/map/pmtiles.h): of levels 0 to the finest
-// the tiles that meet the part's longitudes and latitudes and do not lie beside the height map. They are the server's own (README, Map
-// tiles), byte for byte.
+// Web map tiles of a part of the world as one file for any file server, a PMTiles archive (server/map/pmtiles.h): at levels 0 to the
+// finest, the tiles that meet the part's longitudes and latitudes and do not lie outside the height map. They are the server's own (README,
+// Map tiles), byte for byte.
 //
-// Bounds: kMaxTiles; eight tiles a thread are in memory, and 48 bytes for each of all.
+// Bounds: kMaxTiles; memory holds eight tiles a thread, and 48 bytes for every tile.
 
 #include <cstdint>
 #include <filesystem>
@@ -16,7 +16,7 @@
 
 namespace ridgecast::snapshot {
 
-// Makes the tiles on so many threads; blocks until all are in the file. Returns their number. Problems: nobody says where the part lies,
+// Makes the tiles on `threads` threads; blocks until all are in the file. Returns their number. Problems: nothing says where the part lies,
 // too many tiles, a file that cannot be written.
 Result<std::uint64_t> makeArchive(const session::Session& session, const OfMapTiles& of, unsigned threads,
                                   const std::filesystem::path& file, std::stop_token stop, TilesProgress* progress = nullptr);

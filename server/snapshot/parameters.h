@@ -29,7 +29,7 @@ class Parameters {
   bool flag(const char* name);  // 0 or 1, the default
 
   void refuse(std::string sentence);
-  // The first error. A parameter that nobody took is one, too; `known` says what there is.
+  // The first error. A parameter that was not taken is an error too; `known` lists the valid ones.
   std::optional<Error> finish(std::string_view known);
 
  private:

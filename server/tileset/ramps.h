@@ -1,9 +1,9 @@
 #pragma once
-// A square of a terrain whose steps are ramps: between the points of a grid the ground runs straight (bilinear). What a mesh cannot follow,
-// such as a cliff whose two sides are neighbours on the lattice, becomes a slope as wide as the grid's spacing.
+// A square of a terrain with ramps for steps: between the points of a grid the ground is bilinear. A step that a mesh cannot follow, such
+// as a cliff whose two sides are neighbours on the lattice, becomes a slope as wide as the grid's spacing.
 //
-// Heights are asked for once, 512 along a side; the grid is a part of them, 128 along a side at first. Immutable but for widen(), and
-// otherwise as the terrain itself: any thread.
+// Heights are asked for once, 512 along a side; the grid is a part of them, 128 along a side at first. Immutable except for widen();
+// otherwise any thread, like the terrain.
 
 #include <cstddef>
 #include <cstdint>

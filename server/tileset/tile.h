@@ -6,11 +6,11 @@
 // keeps it (server/box): proven over the posts of a height map, otherwise measured. Neighbours of one level and error share their side bit
 // for bit, also where both are cut off at the border of what is covered, but for tiles with ramps.
 //
-// Where no mesh keeps the error, at a step of the ground such as a cliff, or with more triangles than a tile may have, a tile comes all the
-// same: a viewer draws nothing at all in place of a tile that fails, and neither a parent that stays nor a tile as coarse as the cliff is
-// high would show the ground beside it. Steps become ramps (ramps.h), `ramp` wide, and beside them the error is kept. There `error` counts
-// the step, too; a tileset's geometricError does not: by a cliff's height viewers would load the finest tiles for miles around it. Skirts
-// of such tiles hang down to the ground below.
+// Where no mesh keeps the error, at a step of the ground such as a cliff, or with more triangles than a tile may have, a tile is made all
+// the same: a viewer draws nothing in place of a tile that fails, and neither keeping the parent nor a tile as coarse as the cliff is high
+// would show the ground beside it. Steps become ramps (ramps.h), `ramp` wide, and beside them the error is kept. There `error` includes the
+// step; a tileset's geometricError does not: with a cliff's height viewers would load the finest tiles for miles around it. Skirts of such
+// tiles hang down to the ground below.
 
 #include <cmath>
 #include <cstdint>
@@ -45,7 +45,7 @@ lattice::Point frameOf(lattice::LeafAddress square);
 
 struct Wanted {
   lattice::LeafAddress square;
-  box::Box box;  // what of the square is covered, and the error
+  box::Box box;  // the covered part of the square, and the error
 };
 inline Wanted whole(lattice::LeafAddress square) {
   return {square, {{square.x(), square.z()}, {square.x() + square.side(), square.z() + square.side()}, errorOf(square.level)}};

@@ -4,7 +4,7 @@
 // The root tileset covers what is asked for with squares of one level; each is a tileset of its own, which has three levels of tiles and
 // refers to the tilesets of the fourth, down to the finest level. All are explicit, and refine by replacing. A tile's geometricError is
 // the error that it keeps (tile.h) and, on the globe, dropOf. Every tile has its own frame (frameOf) and a `transform` into its parent's,
-// in doubles, so that nothing is far from anything. On the globe each tile lies on the plane that touches it at the tile's middle
+// in doubles, so that coordinates stay small. On the globe each tile lies on the plane that touches it at the tile's middle
 // (earth::Placement): a vertex is then off by at most dropOf, 0.4 of the error of a server's tiles that are 131 km wide and 0.003 of it at
 // 1 km. Vertices that neighbours share are the same bits in the world's coordinates; on the globe they part by height x side / radius,
 // 0.5 m at 3,000 m above the ellipsoid and 1 km a side, which skirts cover.

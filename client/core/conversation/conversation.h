@@ -1,6 +1,6 @@
 #pragma once
-// A client's half of the conversation with a server (its other half: server/conversation): what is said and in which order, what was heard,
-// and what is wrong with it. A state machine without socket, thread and clock: frames and times come in, frames go out. Not thread-safe.
+// A client's half of the conversation with a server (other half: server/conversation): what is sent and in which order, what was received,
+// and whether that is valid. A state machine without socket, thread and clock: frames and times come in, frames go out. Not thread-safe.
 
 #include <cstddef>
 #include <cstdint>
@@ -32,39 +32,39 @@ class Conversation {
  public:
   using Instant = SessionClock::Instant;
 
-  // `server`: what sentences call it.
+  // `server`: its name in messages.
   Conversation(wire::Hello hello, std::string server);
 
-  // ---- the line, which carries a frame at a time each way ----
+  // ---- the line: one frame at a time each way ----
 
   std::string hello() const;  // the first frame
-  // A sentence ends the conversation: what the server says in farewell, or what is wrong with the frame.
+  // A returned sentence ends the conversation: the server's farewell, or what is wrong with the frame.
   Wrong heard(std::span<const std::uint8_t> frame, Instant now);
   // The most urgent frame, when the one before has left; nothing when none may leave now.
   std::optional<std::string> next(Instant now);
   // When next() has a frame although nothing was said or heard.
   std::optional<Instant> due() const { return asksClock_; }
-  void end(const Error& why);  // to all requests that have no answer, and those to come
+  void end(const Error& why);  // fails all unanswered requests, and later ones
 
-  // ---- what is said: a sentence ends the conversation; nothing happens before the world is there ----
+  // ---- what is said: a returned sentence ends the conversation; no effect before the world arrives ----
 
   // A waiting pose is replaced by a newer one (free pacing) or queued (lock-step, at most kMaxPoses).
   Wrong send(const wire::PoseMessage& pose) { return outbox_.put(pose); }
-  Wrong acknowledge(const wire::Acknowledge& acknowledge);  // in the place of an earlier one
+  Wrong acknowledge(const wire::Acknowledge& acknowledge);  // replaces an earlier one
   Wrong resume(const wire::Resume& resume);                 // before the first pose
-  Wrong resend(const wire::ResendLeaves& resend);           // beside those that wait
-  Wrong change(const wire::Settings& settings);             // in the place of an earlier one
+  Wrong resend(const wire::ResendLeaves& resend);           // added to those queued
+  Wrong change(const wire::Settings& settings);             // replaces an earlier one
   Wrong want(const wire::WantTiles& wanted);
   Wrong want(const wire::WantSquares& wanted);
   Wrong find(const wire::FindEdits& find);
   Wrong setClock(const wire::SetClock& set);
   Wrong step(const wire::ClockStep& step) { return outbox_.put(step); }
   Wrong stepDone(const wire::StepDone& done) { return outbox_.put(done); }
-  Wrong skipSteps(bool skips);  // from now on they are answered as done when they are heard
+  Wrong skipSteps(bool skips);  // from now on, steps are answered as done on receipt
   Wrong passOver(std::uint64_t camera);
 
-  // Requests; each sets the id. `done` is called once, in heard(), in end(), or at once where there is no room or the server's revision
-  // knows no such request.
+  // Requests; each sets the id. `done` is called once: in heard(), in end(), or at once if the queue is full or the server's revision lacks
+  // the request.
   void ask(wire::Query query, std::function<void(Outcome<wire::Answer>)> done);
   void ask(const wire::AskGround& ask, std::function<void(Outcome<wire::Ground>)> done);
   void ask(wire::Edit edit, std::function<void(Outcome<wire::EditAnswer>)> done);
@@ -76,16 +76,16 @@ class Conversation {
   const wire::Settings& granted() const { return granted_; }
   const Roster& roster() const { return roster_; }
   const SessionClock& clock() const { return clock_; }
-  bool speaksOther() const { return speaksOther_; }                     // another version of the protocol: no attempt is of use
-  const std::optional<std::string>& sentTo() const { return sentTo_; }  // in farewell; empty: at the same place
+  bool speaksOther() const { return speaksOther_; }                     // another protocol version: reconnecting is pointless
+  const std::optional<std::string>& sentTo() const { return sentTo_; }  // where to reconnect, from its farewell; empty: the same place
   bool followsEdits() const { return hello_.edits || world_.revision < 4; }
   std::uint64_t bytes() const { return bytes_; }
   bool hasIterations() const { return !iterations_.empty(); }
   // The next iteration, in order. At most the world's window of them wait, and 256 MiB.
   std::optional<Received> receive();
-  static constexpr std::size_t kMaxMadeEdits = 1u << 20;  // that wait; one more is wrong
+  static constexpr std::size_t kMaxMadeEdits = 1u << 20;  // queued; one more is an error
   std::vector<wire::MadeEdit> takeEdits();
-  std::uint64_t forgetEdits();                  // that wait; the number of the last before them
+  std::uint64_t forgetEdits();                  // drops those queued; returns the number of the last before them
   std::uint64_t edit() const { return edit_; }  // the newest that the server has spoken of
   std::vector<wire::HeightTile> takeTiles();
   EditsFound takeEditsFound();

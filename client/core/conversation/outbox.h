@@ -1,5 +1,5 @@
 #pragma once
-// What waits to leave for the server, and in which order it leaves. Internal to the room.
+// The queue of messages to the server, and their order. Internal to the room.
 
 #include <cstddef>
 #include <cstdint>
@@ -16,12 +16,12 @@
 
 namespace ridgecast::core {
 
-using Wrong = std::optional<std::string>;  // a sentence that says what is, and what would be right; nothing: all is well
+using Wrong = std::optional<std::string>;  // a sentence: what is wrong, and what would be right; nothing: no error
 
-inline constexpr std::size_t kMaxPoses = 64;     // that wait to leave
-inline constexpr std::size_t kMaxWaiting = 256;  // the same, of the clock's messages and of each kind of requests
+inline constexpr std::size_t kMaxPoses = 64;     // queued
+inline constexpr std::size_t kMaxWaiting = 256;  // queued, of the clock's messages and of each kind of request
 
-// Requests with an id, waiting to leave or for their answers: at most `atATime` have left, at most `waiting` wait. Not thread-safe.
+// Requests with an id, queued or awaiting answers: at most `atATime` unanswered, at most `waiting` queued. Not thread-safe.
 template <class Request, class Reply>
 class PendingRequests {
  public:
@@ -52,7 +52,7 @@ class PendingRequests {
       answered.mapped()(Error{std::move(reply.refusal)});
     return true;
   }
-  // All, and those to come.
+  // Fails all, and those to come.
   void fail(const Error& error) {
     failed_ = error;
     for (auto& [id, done] : std::exchange(open_, {})) done(error);
@@ -71,17 +71,17 @@ class Outbox {
  public:
   explicit Outbox(wire::Pacing pacing) : pacing_(pacing) {}
 
-  // These say what waits in too large a number.
+  // Error: too many are queued.
   [[nodiscard]] Wrong put(const wire::PoseMessage& pose);
   [[nodiscard]] Wrong put(wire::ClientMessage message);  // of the clock
 
-  void put(const wire::Acknowledge& acknowledge) { acknowledge_ = acknowledge; }  // in the place of an earlier one
-  void put(const wire::Resume& resume) { resumes_.push_back(resume); }            // the owner's scene bounds them
-  void put(const wire::ResendLeaves& resend);                                     // beside those that wait
+  void put(const wire::Acknowledge& acknowledge) { acknowledge_ = acknowledge; }  // replaces an earlier one
+  void put(const wire::Resume& resume) { resumes_.push_back(resume); }            // bounded by the owner's scene
+  void put(const wire::ResendLeaves& resend);                                     // added to those queued
   void put(const wire::WantTiles& wanted) { wants_.push_back(wanted); }           // bounded by what may be unanswered
   void put(const wire::WantSquares& wanted) { wants_.push_back(wanted); }         // the same
   void put(const wire::FindEdits& find) { wants_.push_back(find); }               // the same
-  void put(const wire::Settings& settings) { settings_ = settings; }              // in the place of earlier ones
+  void put(const wire::Settings& settings) { settings_ = settings; }              // replaces earlier ones
 
   // The most urgent message; nothing when none may leave now.
   std::optional<wire::ClientMessage> next();

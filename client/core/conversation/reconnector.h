@@ -1,10 +1,10 @@
 #pragma once
-// Conversations with one server, one after another: where one has ended another begins after a pause. The pause grows until an iteration
-// was applied, and is random, so that a thousand clients do not come back at once. The server may have been started again, or may have sent
-// us to another one. As Conversation, it has no socket, thread or clock, and is not thread-safe.
+// Successive conversations with one server: when one ends, the next begins after a pause. The pause grows until an iteration is applied,
+// and is random, so that a thousand clients do not reconnect at once. The server may have restarted, or may have sent us to another one.
+// Like Conversation, it has no socket, thread or clock, and is not thread-safe.
 //
-// Its owner goes on with the next conversation by goOn(): until then the one that ended stays, with what came before its end. Requests and
-// news of an earlier one are void: begin again where reconnections() has grown.
+// The owner switches to the next conversation with goOn(); until then the ended one stays, with what it received before its end. Requests
+// and news of an earlier one are void: start over when reconnections() has grown.
 
 #include <chrono>
 #include <cstdint>
@@ -20,25 +20,25 @@
 
 namespace ridgecast::core {
 
-// When another conversation begins where one has ended: never; once there was a world, as long as the server still has it; or whatever
-// comes, from the first attempt on and into whatever world.
+// Whether another conversation follows one that ended: never; if there was a world, as long as the server still has it; or always, from the
+// first attempt on and into any world.
 enum class Returns { kNever, kToItsWorld, kAlways };
 
 class Reconnector {
  public:
   using Instant = Conversation::Instant;
-  static constexpr std::chrono::milliseconds kFirstPause{50}, kLongestPause{2000};  // each is taken times 0.5 to 1
+  static constexpr std::chrono::milliseconds kFirstPause{50}, kLongestPause{2000};  // each is multiplied by 0.5 to 1
 
   // `random` seeds the pauses.
   Reconnector(Url url, wire::Hello hello, Returns returns, std::uint32_t random);
 
   // ---- the line, one at a time ----
 
-  // Where one must be opened now; what follows is opened() or ended().
+  // The URL to connect to now, if any; opened() or ended() follows.
   std::optional<Url> dial(Instant now);
   std::string opened() const { return ofLine().hello(); }  // the first frame
   bool isGreeted() const { return ofLine().hasWorld(); }
-  // As Conversation's, of the line's.
+  // As Conversation's, for the line's.
   Wrong heard(std::span<const std::uint8_t> frame, Instant now);
   std::optional<std::string> next(Instant now) { return ofLine().next(now); }
   std::optional<Instant> due() const;  // also of dial()
@@ -49,23 +49,23 @@ class Reconnector {
 
   Conversation& conversation() { return *current_; }
   const Conversation& conversation() const { return *current_; }
-  // Also what later conversations begin with.
+  // Later conversations begin with these, too.
   Wrong send(const wire::PoseMessage& pose);
   Wrong change(const wire::Settings& settings);
   Wrong skipSteps(bool skips);
-  // An iteration was, without an error: the next loss is a new one.
+  // An iteration was applied without an error: resets the pause.
   void applied() { pause_ = kFirstPause; }
 
   const std::optional<Error>& lost() const { return lost_; }  // why there is no conversation at the moment
-  // The server came back with another world, or, where it plays no recording, without edits that were heard of: what is held is of no use
+  // The server came back with another world or, unless it plays a recording, without edits that were heard of: what is held is useless
   // there.
   bool otherWorld() const { return otherWorld_; }
-  bool comesBack() const {  // where it is lost
+  bool comesBack() const {  // if it is lost
     return !speaksOther_ && (returns_ == Returns::kAlways || (returns_ == Returns::kToItsWorld && !otherWorld_ && current_->hasWorld()));
   }
-  // The next conversation has its world, and all that came before is taken.
+  // The next conversation has its world, and all earlier iterations are taken.
   bool hasReturned() const { return coming_ && coming_->hasWorld() && !current_->hasIterations(); }
-  const wire::World& coming() const { return coming_->world(); }  // where it has returned
+  const wire::World& coming() const { return coming_->world(); }  // if it has returned
   // Says first which leaves are `held`, then the newest pose.
   void goOn(const std::vector<wire::Resume>& held);
   std::uint64_t reconnections() const { return reconnections_; }
@@ -77,7 +77,7 @@ class Reconnector {
   void follow(const std::string& sentTo);
 
   const Url url_;
-  Url target_;  // where a server that left has sent us, and, when nobody is there, where we came from
+  Url target_;  // where a leaving server has sent us; url_ again if that fails
   wire::Hello hello_;
   const Returns returns_;
   bool hasLine_ = false, otherWorld_ = false, speaksOther_ = false, skipsSteps_ = false;

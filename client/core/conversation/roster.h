@@ -21,7 +21,7 @@ std::string nameOf(const wire::Member& member);
 
 class Roster {
  public:
-  // Error: somebody joins twice, or moves or leaves without having joined; nothing is applied then.
+  // Error: a member joins twice, or moves or leaves without having joined; nothing is applied then.
   Outcome<void> apply(const wire::Members& news, std::chrono::steady_clock::time_point now);
   const std::map<std::uint64_t, Other>& others() const { return others_; }  // by camera; not this client itself
   std::uint64_t version() const { return version_; }                        // grows with everything that is applied; 0: nothing yet

@@ -1,9 +1,9 @@
 #pragma once
 // The session's clock as this client knows it: what the server said last, and what time it is now by the client's own steady clock.
 //
-// While the clock runs, every answer to a question bounds the session's time at the moment between asking and hearing by half the round
-// trip; of the last answers the one with the shortest round trip counts (Cristian 1989), older ones less and less. Good to half a round
-// trip. A stepped clock is exact. Not thread-safe; a value.
+// While the clock runs, each answer gives the session's time midway between request and response, to half the round trip. The recent answer
+// with the shortest round trip counts (Cristian 1989), older ones less and less. Good to half a round trip. A stepped clock is exact. Not
+// thread-safe; a value.
 
 #include <chrono>
 #include <cstdint>
@@ -22,12 +22,12 @@ class SessionClock {
   const std::string& notice() const { return notice_; }      // the server's last sentence about it; empty: none yet
   std::uint64_t version() const { return version_; }         // grows with everything that is heard; 0: nothing yet
   std::uint64_t time(Instant now) const;                     // session time, microseconds
-  std::chrono::microseconds uncertainty(Instant now) const;  // of time(): half a round trip, and what two clocks drift; 0 when stepped
+  std::chrono::microseconds uncertainty(Instant now) const;  // of time(): half a round trip, plus the drift of two clocks; 0 when stepped
   bool waitsFor(std::uint64_t camera) const;                 // the newest step is not done before this member says so
-  // Whether what was said last knows everything that this client set.
+  // Whether the last message reflects everything that this client set.
   bool isSettled() const { return waiting_ == 0 && answered_ >= settles_; }
 
-  wire::AskClock ask(Instant now);  // a question to send now; an earlier one that was not answered is forgotten
+  wire::AskClock ask(Instant now);  // a request to send now; forgets an earlier unanswered one
   void hear(const wire::Clock& clock, Instant now);
   void set() { ++waiting_; }  // wire::SetClock waits to leave
   void setLeft() {            // it has left; the next question comes after it
@@ -46,7 +46,7 @@ class SessionClock {
   wire::Clock said_;
   std::string notice_;
   std::uint64_t version_ = 0, asked_ = 0, answered_ = 0, waiting_ = 0;
-  std::uint64_t settles_ = 0;  // the question whose answer does
+  std::uint64_t settles_ = 0;  // the request whose answer settles it
   std::optional<Instant> askedAt_;
   std::optional<Sample> best_;
   double halfTrip_ = 0;  // microseconds, the shortest so far

@@ -1,9 +1,9 @@
 #pragma once
-// What edits have made of the ground, as far as a client holds it: squares of posts around the camera, fetched nearest first, and again
-// when an edit has changed them. Not thread-safe; one owner. No OpenGL, no sockets.
+// The edited ground that a client holds: squares of posts around the camera, fetched nearest first, and again when an edit changes them.
+// Not thread-safe; one owner. No OpenGL, no sockets.
 //
-// Bounds: the kMaxHeld nearest squares that have edits (64 m a side; 83 MiB at most). Ground beyond them is the terrain's own here, though
-// the mesh knows better.
+// Bounds: the kMaxHeld nearest squares that have edits (64 m a side; 83 MiB at most). Beyond them the ground here is the terrain's own,
+// although the mesh has the edits.
 
 #include <cstdint>
 #include <map>
@@ -31,17 +31,17 @@ class HeldEdits {
   void moveTo(lattice::Point camera);
   // The session has this edit.
   void know(std::uint64_t edit);
-  // On another connection to the session, whose last edit is this: what was asked is forgotten, and everything is fetched again, for its
-  // edits may have ended with it and begun anew. What is held stays until then.
+  // A new connection to the session, whose last edit is this: forgets pending requests and fetches everything again, since the session may
+  // have ended and its edits started over. What is held stays until then.
   void reconnected(std::uint64_t edit);
 
-  // What to ask now; it is pending until its answer is put.
+  // Requests to send now; pending until their answers are put.
   struct Questions {
     std::optional<wire::FindEdits> find;
     wire::WantSquares want;
   };
   Questions take();
-  // Error: what cannot be read, or was not asked for.
+  // Error: undecodable, or not requested.
   Outcome<void> put(const wire::FoundEdits& found);
   Outcome<void> put(const wire::Squares& squares);
 

@@ -17,7 +17,7 @@ struct Spot {
   lattice::Point at;
   double y = 0;  // metres
 };
-// On the mesh, at the height of the middle where it has none. At most 96 spots around, and 256 between two corners.
+// On the mesh, or at the middle's height where there is none. At most 96 spots around, and 256 between two corners.
 struct Outline {
   std::vector<Spot> around;  // a circle
   std::vector<Spot> line;    // from corner to corner, at most 4 m apart, and to the middle; without corners empty

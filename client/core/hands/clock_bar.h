@@ -1,6 +1,6 @@
 #pragma once
-// The session's clock, in window and page: what is shown of it, and what buttons and keys ask of the server. It is taken for as long as
-// that takes, so that everybody may drive it. Values only.
+// The session's clock, in window and page: what is shown, and what buttons and keys request of the server. A client owns it only for a
+// request, so that everybody may drive it. Values only.
 
 #include <cstdint>
 #include <map>
@@ -23,15 +23,15 @@ struct ClockBar {
   std::uint64_t time = 0, end = 0;  // microseconds; end: of a recording, otherwise 0
   bool runs = true;
   double rate = 1;                    // that it runs at, or goes on with
-  std::string driver{};               // who else has it; empty: nobody
+  std::string driver{};               // the other member that owns it; empty: none
   std::optional<float> dragged = {};  // seconds, where the slider is held
   bool isOver() const { return end != 0 && time >= end; }
 
-  // `others`: who else is there.
+  // `others`: the other members.
   void hear(const SessionClock& clock, const wire::World& world, const std::map<std::uint64_t, Other>& others, SessionClock::Instant now);
-  // Why it cannot be set so, in a sentence; empty: it can.
+  // Why it cannot be set so, as a sentence; empty: it can.
   std::string refusal(const wire::SetClock& set) const;
-  // It was set so: the next key, which may be pressed before the server answers, goes on from there.
+  // It was set: the next key, maybe pressed before the server answers, builds on that.
   void goOn(const wire::SetClock& set);
 };
 
@@ -40,11 +40,11 @@ std::string rateText(double rate);                  // "0.25 x"
 
 // Time 0: no jump.
 wire::SetClock setTo(bool runs, double rate, std::uint64_t time);
-// Pauses it or lets it go on; a recording that is over begins again.
+// Pauses or resumes it; a finished recording restarts.
 wire::SetClock toggled(const ClockBar& clock);
 // Twice as fast, or half.
 wire::SetClock faster(const ClockBar& clock, bool isFaster);
-// By so much; back in recordings alone, and no further than to the beginning and the end.
+// By this much, no further than the beginning and the end. Only recordings go back.
 wire::SetClock movedBy(const ClockBar& clock, std::int64_t microseconds);
 wire::SetClock movedTo(const ClockBar& clock, std::uint64_t microseconds);
 

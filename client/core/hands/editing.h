@@ -1,7 +1,7 @@
 #pragma once
-// What a person does to the ground, of window and page: the brush and its radius, the corners of a road, edits that wait for their answers,
-// and what may be undone. An edit that is not answered goes again over the next connection; by its key it is made once. Values only.
-// Bounds: kMaxCorners corners, kMaxOpen edits without an answer, kMaxUndone to undo.
+// A user's editing, in window and page: the brush and its radius, the corners of a road, unanswered edits, and what may be undone. An
+// unanswered edit is resent over the next connection; its key ensures that it is made once. Values only. Bounds: kMaxCorners corners,
+// kMaxOpen unanswered edits, kMaxUndone to undo.
 
 #include <array>
 #include <cstdint>
@@ -20,7 +20,7 @@ namespace ridgecast::core {
 enum class Tool { kCrater, kRaise, kLower, kLevel, kSmooth, kRoad };
 inline constexpr std::array<const char*, 6> kToolNames{"Crater", "Raise", "Lower", "Level", "Smooth", "Road"};
 
-std::string randomKey();  // unlike any other, of anybody
+std::string randomKey();  // globally unique
 
 class Editing {
  public:
@@ -28,7 +28,7 @@ class Editing {
   static constexpr int kMaxTimes = 3;  // that an edit is sent
 
   struct To {
-    std::function<void(const wire::Edit& edit)> send;  // hear() may follow before it returns
+    std::function<void(const wire::Edit& edit)> send;  // may call hear() before it returns
     std::function<void(const std::string& sentence)> say;
     std::function<std::string()> newKey = randomKey;
   };
@@ -48,7 +48,7 @@ class Editing {
 
   void use(const lattice::Vertex& at);
   void endRoad();
-  // The last corner of a road that is being drawn, otherwise one's own last edit that still counts.
+  // Undoes the last corner of a road being drawn, otherwise the user's last edit that still counts.
   void undo();
 
   // The answer to what was sent with this id: the edit's number, or why there is none.
@@ -75,7 +75,7 @@ class Editing {
   lattice::Step radius_ = 8 * 256;
   std::vector<lattice::Vertex> corners_;
   std::vector<Open> open_;
-  std::vector<std::uint64_t> made_;  // ascending; one that somebody else has undone is found out when it is its turn
+  std::vector<std::uint64_t> made_;  // ascending; one undone by another member is noticed when its turn comes
   std::uint64_t ids_ = 0;
 };
 

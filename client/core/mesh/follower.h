@@ -1,10 +1,9 @@
 #pragma once
-// The copy of the server's mesh that a client holds, and what the server must hear about it: the counterpart of server/replica. Knows no
-// socket, thread or clock.
+// A client's copy of the server's mesh, and what the server must be told about it: the counterpart of server/replica. Knows no socket,
+// thread or clock.
 //
-// The law: whatever is damaged, lost or resumed on the way, the mesh becomes the server's again. Each iteration is applied all or nothing
-// and its hash compared. Where they differ, all leaves are requested again: once,
-// until they agree or nothing is held any more.
+// Guarantee: whatever is damaged, lost or resumed on the way, the mesh becomes the server's again. Each iteration is applied all or nothing
+// and its hash compared. On a mismatch, all leaves are requested again: once, until the hashes agree or nothing is held any more.
 //
 // Not thread-safe; one owner.
 
@@ -36,7 +35,7 @@ class Follower {
   Outcome<core::Scene::Prepared> prepare(const wire::Iteration& iteration) { return scene_.prepare(iteration); }
   Answer take(const wire::Iteration& iteration, Outcome<core::Scene::Prepared> prepared);
 
-  // Another connection to the same world begins: what to say before its first pose, so that only what is missing comes.
+  // A new connection to the same world begins: what to say before its first pose, so that only what is missing comes.
   std::vector<wire::Resume> resume();
 
   const core::Scene& scene() const { return scene_; }

@@ -1,6 +1,6 @@
 #pragma once
-// The triangulation that a client holds, which follows the points that a server sends (common/points): what is inserted and removed there
-// is inserted and removed here, and the triangles are the same. Knows no messages, sockets or threads.
+// A client's triangulation. It follows the points that a server sends (common/points): each insertion and removal there is repeated here,
+// so the triangles are the same. Knows no messages, sockets or threads.
 //
 // Not thread-safe; one owner. Memory: about 100 bytes a triangle.
 
@@ -23,10 +23,10 @@ namespace ridgecast::core {
 
 class PointMesh final : public triangulation::Partition {
  public:
-  // `shaded`: shades travel with vertices. `triangles`: room for so many from the start; there will be more where more come.
+  // `shaded`: shades travel with vertices. `triangles`: initial room; it grows on demand.
   explicit PointMesh(bool shaded, std::uint32_t triangles = 0);
 
-  // What an iteration says of points. Leaves in any order.
+  // An iteration's points. Leaves in any order.
   struct Step {
     std::span<const lattice::LeafAddress> gone, come;
     std::span<const std::uint8_t> payload;
@@ -37,33 +37,34 @@ class PointMesh final : public triangulation::Partition {
     std::vector<terrain::Shade> shades;  // of its vertices, where they travel with them
   };
 
-  // The points are the corners of these leaves' triangles. False: they contradict each other, and nothing is held.
+  // Takes the corners of these leaves' triangles as points. False: they contradict each other, reach too far or are too many; what is held
+  // must then be cleared.
   struct Held {
     const mesh::LeafMesh* mesh;
     const std::vector<terrain::Shade>* shades;  // may be null
   };
   bool begin(std::span<const Held> leaves);
-  // False: the step does not fit what is held, which can only be cleared then.
+  // False: the step does not fit what is held, which must then be cleared.
   bool follow(const Step& step);
   // The leaves, in canonical order, whose triangles may have changed since the last call.
   struct Changed {
     lattice::LeafAddress leaf;
     std::uint64_t hash = 0;           // mesh::hashLeaf
     std::uint32_t triangles = 0;      // how many there are
-    mesh::LocalVertex low{}, high{};  // hold its vertices, which may span less; both zero when it is empty
+    mesh::LocalVertex low{}, high{};  // bound its vertices, maybe loosely; both zero when it is empty
   };
   std::vector<Changed> takeChanged();
   // As it is now; costs more than following does.
   Leaf extract(lattice::LeafAddress leaf);
-  // For pictures, which need no indices. Triangles lie in numbered slots: block n has those from n x kBlock on, and is one leaf's. A copy
-  // of all slots that takes what is told here draws the leaves, and little of it changes in an iteration.
+  // For drawing without indices. Triangles lie in numbered slots: block n has those from n x kBlock on, and belongs to one leaf. A copy of
+  // all slots, updated from this, draws the leaves, and little of it changes in an iteration.
   static constexpr std::uint32_t kBlock = triangulation::TrianglePages::kBlock;
   struct Drawing {
     std::vector<std::uint32_t> ends, blocks;  // of each leaf, where its blocks end in `blocks`; the numbers of all its blocks now
     std::vector<std::uint32_t> changed;       // slots in these that are not as they were told last, block by block
     std::vector<mesh::LocalVertex> corners;   // three for each of them, of the leaf's frame; all 0 without a triangle
   };
-  // Tells of leaves that takeChanged() told of.
+  // For leaves that takeChanged() returned.
   void draw(std::span<const Changed> leaves, Drawing& to);
   void clear();
 
@@ -113,7 +114,7 @@ class PointMesh final : public triangulation::Partition {
   bool setHeight(VertexId v, std::int32_t y);
   void allow(std::size_t changes);
   bool isCheap(VertexId v);
-  // What holds the vertices of a region's triangles, and maybe more. Relative to the anchor.
+  // Bounds of the vertices of a region's triangles, maybe loose. Relative to the anchor.
   struct Bounds {
     mesh::LocalVertex low{kFar, kFar, kFar}, high{-kFar, -kFar, -kFar};
     static constexpr std::int32_t kFar = std::int32_t{1} << 30;
@@ -149,7 +150,7 @@ class PointMesh final : public triangulation::Partition {
   using Pages = triangulation::TrianglePages;
   struct BlockHash {
     std::uint64_t sum = 0;    // of the terms of its triangles in `terms`
-    std::uint16_t terms = 0;  // which there are, also of triangles that are gone meanwhile
+    std::uint16_t terms = 0;  // slots with a term in `sum`, also of triangles gone since
     std::uint16_t drawn = 0;  // slots that are as they were told
     static_assert(Pages::kBlock <= 16);
   };

@@ -1,8 +1,8 @@
 #pragma once
 // The mesh that a client holds: leaves by address, replaced all or nothing by iterations. No OpenGL, no sockets.
 //
-// Leaves that points change have hash, bounds and count at once; their triangles are made when they are read. Robots and simulations, which
-// look at the few leaves around them, do not pay for the others.
+// Leaves changed by points have hash, bounds and count at once; their triangles are made when read. Robots and simulations, which read the
+// few leaves around them, do not pay for the others.
 //
 // Not thread-safe; one owner: reading makes leaves, too.
 
@@ -25,7 +25,7 @@
 
 namespace ridgecast::core {
 
-// Most that is held, whatever a server sends.
+// Upper limits, whatever a server sends.
 inline constexpr std::uint64_t kMaxTriangles = 8'000'000;
 inline constexpr std::size_t kMaxLeaves = 65'536;
 
@@ -36,15 +36,15 @@ struct HeldLeaf {
   std::uint64_t hash = 0;                      // mesh::hashLeaf
   std::uint64_t version = 0;                   // of this scene: grows whenever this leaf is replaced
   std::shared_ptr<const std::vector<terrain::Shade>> shades;  // of its vertices, where the world's travel with them; else null
-  float error = 0;                                            // metres: the true terrain is at most so far above or below; 0: not known
+  float error = 0;                                            // metres: the true terrain is at most this far above or below; 0: not known
 };
 
 using Leaves = std::map<lattice::LeafAddress, HeldLeaf>;
 
 class Scene {
  public:
-  // What travels besides leaves: points (Hello.points), and shades with the vertices (World.shaded_vertices); the triangles granted. Before
-  // the first iteration. `spread` does work for each number below `count`, in any order or at once; `bytes` say how much that is.
+  // What travels besides leaves: points (Hello.points), and shades with the vertices (World.shaded_vertices); the triangles granted. Call
+  // before the first iteration. `spread` does work(k) for every k < `count`, in any order or at once; `bytes` is the amount of work.
   using Spread = void (*)(std::size_t count, std::size_t bytes, const std::function<void(std::size_t)>& work);
   static void inOrder(std::size_t count, std::size_t bytes, const std::function<void(std::size_t)>& work);
   struct Following {
@@ -54,15 +54,14 @@ class Scene {
   };
   void follow(const Following& what);
 
-  // Decodes and applies an iteration: everything in it, or on an error nothing. Errors: undecodable payload, a leaf gone that is not held,
-  // a leaf named twice, limits, a number that does not follow the last one's, shades that are not those of its vertices. The first
-  // iteration after the beginning, clear() or reconnect() may have any number. The hash is not judged here: compare hash() with
-  // iteration.meshHash.
+  // Decodes and applies an iteration, or nothing on an error. Errors: undecodable payload, a leaf gone that is not held, a leaf named
+  // twice, limits, a number out of sequence, shades that do not match its vertices. The first iteration after the beginning, clear() or
+  // reconnect() may have any number. Does not check the hash: compare hash() with iteration.meshHash.
   Outcome<void> apply(const wire::Iteration& iteration);
 
-  // The same in two steps, for windows, which draw all leaves. prepare() decodes and makes leaves. It may
-  // run on another thread while leaves are read that were made before: call leaves() first. take() puts the result in place, in
-  // microseconds; nothing else may have been prepared or changed in between.
+  // The same in two steps, for windows, which draw all leaves. prepare() decodes and makes leaves. It may run on another thread while
+  // leaves made before are read: call leaves() first. take() installs the result, in microseconds; nothing else may have been prepared or
+  // changed in between.
   struct Prepared {
     std::uint64_t number = 0, hash = 0, triangles = 0;  // of the iteration; after it
     std::set<lattice::LeafAddress> gone;
@@ -75,21 +74,21 @@ class Scene {
   void take(Prepared&& prepared);
   void clear();
 
-  // For pictures that need no indices: of the last iteration, the leaves that points may have changed, and what to draw of these
-  // (PointMesh::draw()). None where points were lost: what is drawn stays.
+  // For drawing without indices: the leaves that points may have changed in the last iteration, and what to draw of these
+  // (PointMesh::draw()). None if points were lost: what is drawn stays.
   const std::vector<PointMesh::Changed>& changed() const { return changed_; }
   void draw(PointMesh::Drawing& to) const;
   std::uint64_t came() const { return came_; }  // triangles of the last iteration's leaves, and those by which others grew
 
-  // Points came that do not fit those held: leaves that points make stay as they were made, or are empty, until all come whole.
+  // Received points do not fit those held: leaves made by points stay as last made, or are empty, until all come whole.
   bool lost() const { return lost_; }
 
-  // The connection was lost, and what is held stays: the next iteration is the first of another one.
+  // The connection was lost, and what is held stays: the next iteration is the first of a new connection.
   void reconnect() { iteration_ = 0; }
-  // What is held, to be named to a server; empty when it is more than a server takes.
+  // The leaves held, to be named to a server; empty if too many for it.
   std::vector<wire::HeldLeaf> held() const;
 
-  // All leaves, all made: 17 microseconds for each that changed since somebody looked.
+  // All leaves, all made: 17 microseconds for each that changed since the last read.
   const Leaves& leaves() const;
   // One of them, made; null: it is not held. Valid until the leaf is replaced.
   const HeldLeaf* leaf(const lattice::LeafAddress& address) const;

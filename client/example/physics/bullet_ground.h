@@ -16,7 +16,7 @@
 
 class BulletGround {
  public:
-  // Metres: where the origin is first, between heights, of ground around each body. `world` and `terrain` must outlive it.
+  // Metres: initial origin, `spacing` of heights, `radius` of ground around each body. `world` and `terrain` must outlive it.
   BulletGround(btDiscreteDynamicsWorld& world, rc_terrain* terrain, double x, double z, double spacing, double radius)
       : world_(world), x_(std::round(x)), z_(std::round(z)) {
     rc_standing_options options{};
@@ -48,8 +48,8 @@ class BulletGround {
     move();
     take();
   }
-  // The same, but waits until the ground around all bodies is there. Before every step, it makes runs repeat, bit for bit: Bullet's results
-  // depend on the order in which tiles come.
+  // The same, but waits until the ground around all bodies is there. Called before every step, it makes runs repeatable, bit for bit:
+  // Bullet's results depend on the order of tiles.
   void followWaiting() {
     move();
     check(rc_standing_wait(standing_, 60));
@@ -91,7 +91,7 @@ class BulletGround {
     if (status != RC_OK) throw std::runtime_error(rc_message());
   }
 
-  // Bodies that reach over a tile which goes wake up, and `lifted` has those above it, each with the ground's height there.
+  // Wakes bodies that reach over a tile that goes, and adds those above it to `lifted`, with the ground's height there.
   using Lifted = std::vector<std::pair<btRigidBody*, double>>;
   void wake(const rc_tile& tile, Lifted& lifted) {
     const double x = tile.x - x_, z = tile.z - z_, side = kCells * tile.spacing;
@@ -116,7 +116,7 @@ class BulletGround {
       if (by > 0 && low.y() < before + by) shift(*body, {0, btScalar(by), 0});
     }
   }
-  // Between four heights, of a place of the terrain over the tile.
+  // Bilinear, at a place of the terrain over the tile.
   static double height(const rc_tile& tile, double x, double z) {
     const double a = (x - tile.x) / tile.spacing, b = (z - tile.z) / tile.spacing;
     const int i = std::clamp(int(a), 0, kCells - 1), j = std::clamp(int(b), 0, kCells - 1);

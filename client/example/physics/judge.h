@@ -6,7 +6,7 @@
 
 #include "bullet_ground.h"
 
-// Points all over a sphere or a box whose half side is its radius, centimetres apart.
+// Points all over a sphere, or a box of half side `radius`, centimetres apart.
 inline std::vector<btVector3> surface(const btCollisionShape& shape, float radius) {
   std::vector<btVector3> points;
   for (int i = -8; i <= 8; ++i)

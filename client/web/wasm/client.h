@@ -1,5 +1,5 @@
 #pragma once
-// A client for a page: the core, what the page says to it and hears of it (src/messages.ts), and what its painter shows. Times are
+// A client for a page: the core, its messages from and to the page (src/messages.ts), and what the page's painter shows. Times are
 // milliseconds since 1970, on one clock.
 
 #include <algorithm>
@@ -40,7 +40,7 @@ inline lattice::Step stepsOf(double v) { return static_cast<lattice::Step>(std::
 
 class Client {
  public:
-  // Begins, or begins anew; what is held is resumed.
+  // Starts or restarts; what is held is resumed.
   void start(const std::string& host, const std::string& name, double threshold, std::uint32_t random) {
     settings_.metric = wire::Metric::kPixels;
     settings_.threshold = threshold;
@@ -58,7 +58,7 @@ class Client {
 
   // ---- the line ----
 
-  // Whatever is to be done; milliseconds until it is to be called again without an event, below 0: never.
+  // Does what is due; milliseconds until the next call without an event, below 0: never.
   double step(double now) {
     if (!line_) return -1;
     if (line_->dial(instantOf(now))) pageDial();
@@ -116,7 +116,7 @@ class Client {
   void setClock(double rate, double microseconds, double now) {
     set(core::setTo(rate > 0, rate > 0 ? rate : bar_.rate, static_cast<std::uint64_t>(microseconds)), now);
   }
-  // What a person does to the session's clock.
+  // A user's actions on the session's clock.
   enum class Drive : std::uint32_t { kToggle, kSlower, kFaster, kBy, kTo };
   void drive(Drive drive, double microseconds, double now) {
     hearClock(now);
@@ -126,7 +126,7 @@ class Client {
     if (drive == Drive::kBy) set(core::movedBy(bar_, static_cast<std::int64_t>(microseconds)), now);
     if (drive == Drive::kTo) set(core::movedTo(bar_, static_cast<std::uint64_t>(microseconds)), now);
   }
-  // What a person does to the ground: core::Editing's functions, in its order.
+  // A user's edits: core::Editing's functions, in its order.
   enum class Act : std::uint32_t { kChoose, kPaint, kWiden, kRest, kUndo, kEndRoad };
   void act(Act act, double by) {
     if (!editing_) return;
@@ -350,7 +350,7 @@ class Client {
     if (const auto metres = follower_.scene().height({camera_->pose.x, camera_->pose.z})) tell(kind("ground")("metres", *metres));
   }
 
-  // Milliseconds since the pose that is answered was sent; 0: unknown.
+  // Milliseconds since the answered pose was sent; 0: unknown.
   double answered(std::uint64_t sequence, double now) {
     double since = 0;
     for (; !poses_.empty() && poses_.front().first <= sequence; poses_.pop_front())
@@ -367,7 +367,7 @@ class Client {
 
   bool hasAllEdits() const { return !edits_ || edits_->complete(); }
 
-  // Asks for what is lacking of the edits around the camera, and shows what has come.
+  // Requests missing edits around the camera, and shows those that came.
   void followEdits() {
     if (!edits_ || !camera_ || !isConnected()) return;
     edits_->moveTo({camera_->pose.x, camera_->pose.z});

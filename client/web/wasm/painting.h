@@ -1,6 +1,5 @@
 #pragma once
-// What the painter is told of a client, and which of it the painter has not taken yet: changes never pile up there, for only what was
-// taken is acknowledged.
+// What the painter is told, and what it has not taken yet: changes never pile up there, because only taken ones are acknowledged.
 
 #include <algorithm>
 #include <cstddef>
@@ -24,14 +23,14 @@ static_assert(sizeof(lattice::LeafAddress) == 24 && sizeof(core::PointMesh::Chan
 
 class Painting {
  public:
-  // What is to be said when a change was taken: over the line with this number.
+  // What to acknowledge once a change is taken: over the line with this number.
   struct Taken {
     std::uint64_t line = 0;
     wire::Acknowledge acknowledge;
   };
 
   std::size_t changes() const { return changes_; }  // that were shown
-  // The painter has taken the first that it had not.
+  // The painter has taken its oldest untaken change.
   std::optional<Taken> taken() {
     if (untaken_.empty()) return std::nullopt;
     const auto taken = untaken_.front();
@@ -39,7 +38,7 @@ class Painting {
     return taken;
   }
 
-  // Of the leaves that are gone, and of those that the last iteration changed.
+  // The leaves that are gone, and those that the last iteration changed.
   void change(const core::Scene& scene, const std::vector<lattice::LeafAddress>& gone, bool clear, std::optional<Taken> taken = {}) {
     const std::vector<core::PointMesh::Changed>& fresh = scene.changed();
     scene.draw(drawing_);
