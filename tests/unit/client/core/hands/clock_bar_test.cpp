@@ -55,7 +55,7 @@ TEST(ClockBar, MovesWithinARecordingAndAheadInAWorld) {
 
 TEST(ClockBar, IsWhatTheServerSaysOnceItHasHeardWhatWasSet) {
   const SessionClock::Instant begin{};
-  const auto told = [&](wire::Clock said, SessionClock clock) {
+  const auto told = [&](const wire::Clock& said, SessionClock clock) {
     clock.hear(said, begin);
     return clock;
   };
