@@ -326,11 +326,12 @@ class Client {
       bar_.hear(conversation().clock(), conversation().world(), conversation().roster().others(), instantOf(now));
   }
   void set(const wire::SetClock& set, double now) {
-    if (const std::string why = isConnected() ? bar_.refusal(set) : core::ClockBar().refusal(set); !why.empty()) return say(why);
+    const bool isUnknown = isConnected() && !bar_.known;  // the server has told of no clock yet; it says what it makes of this
+    if (const std::string why = isUnknown ? "" : (isConnected() ? bar_ : core::ClockBar()).refusal(set); !why.empty()) return say(why);
     for (const wire::SetClock& one : {set, wire::SetClock{.own = false}})
       if (const core::Wrong wrong = conversation().setClock(one)) return hangUp(*wrong);
     bar_.goOn(set);
-    tellClock(now);
+    if (!isUnknown) tellClock(now);
   }
   void tellClock(double now) {
     tell(kind("clock")("clock", Object()("time", bar_.time)("at", now)("runs", bar_.runs)("rate", bar_.rate)("end", bar_.end)(

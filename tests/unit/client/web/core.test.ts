@@ -175,6 +175,16 @@ test('the clock goes on as it is driven, and who may not drive it is told why', 
   assert.equal(held.last('notice')!.sentence, 'Member 99 owns the clock.');
 });
 
+test('a clock may be set before the server has told of it', () => {
+  const held = new Held();
+  held.hear(worldOfToday());
+  held.core.setClock(4, 0);
+  held.core.step();
+  const sets = held.sent.map((frame) => fromBinary(ClientMessageSchema, frame).kind).filter(({ case: kind }) => kind === 'setClock');
+  assert.equal(sets.length, 2);
+  assert.equal(held.last('notice'), undefined);
+});
+
 test('frames that are none end the line in a sentence, and what was held is resumed over the next', () => {
   const [world, ...iterations] = frames();
   let random = 12345, refused = 0, wrong = 0;
