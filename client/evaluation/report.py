@@ -1,5 +1,5 @@
-"""Writes the report of `ridgecast-client evaluate`: its tables as CSV, its plots as SVG, everything as one page (report.html, which needs no
-network) and as a document (report.md).
+"""Writes the report of `ridgecast-client evaluate`: its tables as CSV, its plots as SVG, everything as one page (report.html, which needs
+no network) and as a document (report.md).
 
     python3 report.py [FOLDER]        # its own folder; what parts.json names there is reported
 """
@@ -326,16 +326,16 @@ def view_tables(views: list[Json]) -> list[Table]:
         view_table(
             "missing", "Sources of error",
             "1 - SSIM, filtered, one sample, and its parts. Silhouettes: windows where mesh and march see different ground. In the other "
-            "windows, geometry is what disappears when every sample of the mesh is moved onto the true surface, and shading is what remains "
-            "(equal ground, different colours). Marcher: the ray march against one with half its steps.",
+            "windows, geometry is what disappears when every sample of the mesh is moved onto the true surface, and shading is what "
+            "remains (equal ground, different colours). Marcher: the ray march against one with half its steps.",
             views,
             [("1 - SSIM", lacks("total")), *((key, lacks(key)) for key in ("silhouettes", "geometry", "shading", "marcher")),
              ("windows at silhouettes", lambda _, mesh: cell("%.1f %%", 100 * number(mesh["missing"], "silhouette_windows")))]),
         view_table(
             "speed", "Mesh against ray march: time of a picture",
-            "Filtered, one sample, drawn in turn in one run; medians and half the range. Both shade every sample alike; the ray march is the "
-            "converged reference. CPU: time of all threads of the process, independent of other programs; on a software driver this is the "
-            "cost.",
+            "Filtered, one sample, drawn in turn in one run; medians and half the range. Both shade every sample alike; the ray march is "
+            "the converged reference. CPU: time of all threads of the process, independent of other programs; on a software driver this "
+            "is the cost.",
             views,
             [("SSIM", like("mesh")), ("mesh ms", own("mesh_ms")), ("spread", lambda _, mesh: spread(times(mesh, "mesh_ms"))),
              ("ray march ms", march("march_ms")), ("spread", lambda view, _: spread(march_times(view, "march_ms"))),
@@ -343,8 +343,8 @@ def view_tables(views: list[Json]) -> list[Table]:
              ("ray march CPU ms", march("march_cpu_ms")), ("faster by CPU", against("%.1f", "mesh_cpu_ms", "march_cpu_ms", True))]),
         view_table(
             "corrected", "The mesh corrected along each ray: likeness and cost",
-            "Three heights a sample move the mesh's samples onto the true surface (window and page show it so: it hides the mesh's errors). "
-            "Filtered, one sample; drawn in turn in one run, medians.",
+            "Three heights a sample move the mesh's samples onto the true surface (window and page show it so: it hides the mesh's "
+            "errors). Filtered, one sample; drawn in turn in one run, medians.",
             views,
             [("SSIM mesh", like("mesh")), ("SSIM corrected", like("corrected")), ("mesh ms", own("mesh_ms")),
              ("corrected ms", own("corrected_ms")), ("ray march ms", march("march_ms")),
@@ -370,8 +370,8 @@ POPPING = 1 / 3
 def targets_of(views: list[Json], flights: list[Flight]) -> Table:
     table = Table(
         "targets", "Required and measured",
-        "The worst case of each. Cameras at rest: the settled mesh with the most triangles up to 500,000. Flights: refined by area. Speed is "
-        "required on Mesa's software driver.",
+        "The worst case of each. Cameras at rest: the settled mesh with the most triangles up to 500,000. Flights: refined by area. Speed "
+        "is required on Mesa's software driver.",
         ["what", "required", "measured", "where", "met"])
 
     def require(what: str, form: str, least: bool, required: float, measured: Iterable[tuple[float, str]]) -> None:
@@ -407,7 +407,8 @@ def targets_of(views: list[Json], flights: list[Flight]) -> Table:
     for what, march, own in (("a picture of the mesh, faster than ray marching where SSIM is at least 0.95", "march_ms", "mesh_ms"),
                              ("the same, by CPU time", "march_cpu_ms", "mesh_cpu_ms")):
         require(what, "%.1f", True, FASTER,
-                [(ratio(median(march_times(view, march)), median(times(mesh, own))), f"{view['terrain']} {view['view']}") for view, mesh in fast])
+                [(ratio(median(march_times(view, march)), median(times(mesh, own))), f"{view['terrain']} {view['view']}")
+                 for view, mesh in fast])
     require("largest change between frames while a mesh refines, with morphing as a share of without", "%.3f", False, POPPING,
             [(ratio(f.of("popping_on"), f.of("popping_off")), f.terrain) for f in flights])
     differed = [(f.of("hash_mismatches"), f.name) for f in flights]
@@ -543,7 +544,8 @@ def page(machine: str, targets: Table, of_views: list[Table], of_flights: list[T
 
 
 def document(machine: str, targets: Table, of_views: list[Table], of_flights: list[Table]) -> str:
-    out = [f"# Mesh against ray march\n\nWritten by `ridgecast-client evaluate`: {machine}.\n\n", *([targets.markdown()] if targets.rows else [])]
+    out = [f"# Mesh against ray march\n\nWritten by `ridgecast-client evaluate`: {machine}.\n\n"]
+    out += [targets.markdown()] if targets.rows else []
     out += [table.markdown() for table in of_views]
     out += [ROWS + "\n\n"] if of_flights else []
     return "".join([*out, *(table.markdown() for table in of_flights)]).rstrip("\n") + "\n"

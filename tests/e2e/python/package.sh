@@ -21,5 +21,5 @@ if "$python" -c 'import matplotlib' 2>/dev/null; then
   venv/bin/python "$source/tests/e2e/python/run_notebook.py" "$source/client/python/notebook.md" pictures
 fi
 if command -v mypy >/dev/null; then
-  (cd "$scratch/venv/lib"/python3*/site-packages && mypy --strict --ignore-missing-imports --cache-dir "$scratch/mypy" ridgecast "$source/client/python/examples/drones.py")
+  (cd "$scratch/venv/lib"/python3*/site-packages && mypy --strict --ignore-missing-imports --cache-dir "$scratch/mypy" ridgecast "$source/client/python/examples/drones.py" "$source/client/evaluation/report.py")
 fi
