@@ -4,8 +4,6 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include <unistd.h>
-
 #include <filesystem>
 #include <fstream>
 #include <functional>
@@ -95,6 +93,11 @@ std::vector<std::string> faults(const fs::path& root) {
   return wrong;
 }
 
+void plant(const fs::path& file, const std::string& text) {
+  fs::create_directories(file.parent_path());
+  std::ofstream(file) << text;
+}
+
 // client/core alone reads what a server says, and it has no socket, thread, clock or picture. Lines that break it.
 std::vector<std::string> breachesOfTheCore(const fs::path& root) {
   static const std::regex reads(R"(\bdecodeServer\(|@bufbuild/protobuf|generated/ridgecast)"),
@@ -113,10 +116,7 @@ std::vector<std::string> breachesOfTheCore(const fs::path& root) {
 TEST(Rooms, TheCoreOfTheClientAloneReadsWhatAServerSays) {
   EXPECT_THAT(breachesOfTheCore(RIDGECAST_SOURCE), IsEmpty());
   const testing_support::ScratchFolder root;
-  const auto write = [&](const std::string& file, const std::string& text) {
-    fs::create_directories((root / file).parent_path());
-    std::ofstream(root / file) << text;
-  };
+  const auto write = [&](const std::string& file, const std::string& text) { plant(root / file, text); };
   write("client/core/mesh/good.cpp", "wire::decodeServer(frame);\n");
   write("client/web/src/good.ts", "import { Core } from './core/core';\n");
   write("client/core/mesh/bad.cpp", "const auto now = Clock::now();\n");
@@ -129,11 +129,9 @@ TEST(Rooms, TheCoreOfTheClientAloneReadsWhatAServerSays) {
 TEST(Rooms, FormALadder) { EXPECT_THAT(faults(RIDGECAST_SOURCE), IsEmpty()); }
 
 TEST(Rooms, APlantedFaultIsFound) {
-  const fs::path root = fs::temp_directory_path() / ("ridgecast-rooms-" + std::to_string(getpid()));
-  const auto write = [&](const std::string& file, const std::string& text) {
-    fs::create_directories((root / file).parent_path());
-    std::ofstream(root / file) << text;
-  };
+  const testing_support::ScratchFolder scratch;
+  const fs::path root = scratch / "";
+  const auto write = [&](const std::string& file, const std::string& text) { plant(root / file, text); };
   write("common/low/CMakeLists.txt", "ridgecast_room(ridgecast_low)\n");
   write("common/low/low.h", "#pragma once\n");
   write("server/high/CMakeLists.txt", "ridgecast_room(ridgecast_high SOURCES high.cpp LINKS ridgecast_low)\n");
@@ -154,7 +152,6 @@ TEST(Rooms, APlantedFaultIsFound) {
   EXPECT_THAT(faults(root), IsEmpty());
   write("common/low/low.h", "#pragma once\ninline std::thread::id idle() { return {}; }\n");
   EXPECT_THAT(faults(root), ElementsAre(HasSubstr("starts no thread")));
-  fs::remove_all(root);
 }
 
 }  // namespace
