@@ -41,7 +41,7 @@ export type ToEngine =
   | { kind: 'act'; act: Act; by: number }
   | { kind: 'heights'; number: number; places: Float64Array<ArrayBuffer> } // x and z of each, steps
   | { kind: 'set clock'; rate: number; time: number } // session seconds a second, 0: it stands; microseconds, 0: no jump
-  | { kind: 'drive'; drive: Drive; by: number } // microseconds
+  | { kind: 'drive'; drive: Drive; to: number } // microseconds, for 'to'
   | { kind: 'hurry' } // try to connect now
   | { kind: 'stop' };
 
@@ -53,7 +53,7 @@ export interface Brush {
 }
 
 /** What a person does to the ground and to the session's clock: client/core/hands. `by`: a tool's number, a material's, notches. */
-export const ACTS = ['choose', 'paint', 'widen', 'rest', 'undo', 'end road'] as const, DRIVES = ['toggle', 'slower', 'faster', 'by', 'to'] as const;
+export const ACTS = ['choose', 'paint', 'widen', 'rest', 'undo', 'end road'] as const, DRIVES = ['toggle', 'slower', 'faster', 'back', 'ahead', 'to'] as const;
 export const TOOLS = ['crater', 'raise', 'lower', 'level', 'smooth', 'road'] as const;
 export type Act = (typeof ACTS)[number];
 export type Drive = (typeof DRIVES)[number];

@@ -117,13 +117,14 @@ class Client {
     set(core::setTo(rate > 0, rate > 0 ? rate : bar_.rate, static_cast<std::uint64_t>(microseconds)), now);
   }
   // A user's actions on the session's clock.
-  enum class Drive : std::uint32_t { kToggle, kSlower, kFaster, kBy, kTo };
+  enum class Drive : std::uint32_t { kToggle, kSlower, kFaster, kBack, kAhead, kTo };
   void drive(Drive drive, double microseconds, double now) {
     hearClock(now);
     if (drive == Drive::kToggle) set(core::toggled(bar_), now);
     if (drive == Drive::kSlower) set(core::faster(bar_, false), now);
     if (drive == Drive::kFaster) set(core::faster(bar_, true), now);
-    if (drive == Drive::kBy) set(core::movedBy(bar_, static_cast<std::int64_t>(microseconds)), now);
+    if (drive == Drive::kBack) set(core::movedBy(bar_, -core::kClockSkip), now);
+    if (drive == Drive::kAhead) set(core::movedBy(bar_, core::kClockSkip), now);
     if (drive == Drive::kTo) set(core::movedTo(bar_, static_cast<std::uint64_t>(microseconds)), now);
   }
   // A user's edits: core::Editing's functions, in its order.

@@ -135,8 +135,8 @@ export class Core {
   setClock(rate: number, time: number): void {
     this.wasm.setClock(rate, time, now());
   }
-  drive(drive: Drive, by: number): void {
-    this.wasm.drive(DRIVES.indexOf(drive), by, now());
+  drive(drive: Drive, to: number): void {
+    this.wasm.drive(DRIVES.indexOf(drive), to, now());
   }
   act(act: Act, by: number): void {
     this.wasm.act(ACTS.indexOf(act), by);

@@ -74,7 +74,7 @@ export class Engine {
       case 'set clock':
         return this.say((core) => core.setClock(message.rate, message.time));
       case 'drive':
-        return this.say((core) => core.drive(message.drive, message.by));
+        return this.say((core) => core.drive(message.drive, message.to));
       case 'hurry':
         return this.say((core) => core.hurry());
       case 'stop':

@@ -3,7 +3,7 @@
 import type { ClockTold, Drive, WorldTold } from '../messages';
 import { element } from './notices';
 
-const SKIP = 10e6, LATEST = 2 ** 53 - 1; // microseconds
+const LATEST = 2 ** 53 - 1; // microseconds
 
 /** "1:02.3", "1:00:02.3"; tenths, rounded down. */
 export function clockText(microseconds: number): string {
@@ -20,7 +20,7 @@ export class Clock {
   private session = '';
   private isHeld = false; // the slider
 
-  constructor(private readonly engine: (drive: Drive, by: number) => void) {
+  constructor(private readonly engine: (drive: Drive, to: number) => void) {
     const { slider, bar } = this;
     for (const [id, act] of Object.entries({ 'clock-back': () => this.rewind(), 'clock-pause': () => this.toggle(), 'clock-ahead': () => this.skip(), slower: () => this.slower(), faster: () => this.faster() }))
       element(id).addEventListener('click', act);
@@ -92,15 +92,15 @@ export class Clock {
     this.drive('faster');
   }
   rewind(): void {
-    this.drive('by', -SKIP);
+    this.drive('back');
   }
   skip(): void {
-    this.drive('by', SKIP);
+    this.drive('ahead');
   }
 
   // By keys only while the clock is shown: it is everybody's.
-  private drive(drive: Drive, by = 0): void {
-    if (this.isShown && this.told) this.engine(drive, by);
+  private drive(drive: Drive, to = 0): void {
+    if (this.isShown && this.told) this.engine(drive, to);
   }
   private say(id: string, text: string): void {
     if (element(id).textContent !== text) element(id).textContent = text;

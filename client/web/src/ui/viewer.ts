@@ -76,7 +76,7 @@ export class Viewer {
     this.editor = new Editor(this.canvas, this.hands, (message) => this.engine.send(message));
     this.toolbar = new Toolbar({ mode: (mode) => this.setMode(mode), toggle: (name) => this.toggle(name), threshold: (pixelsOfError) => this.setThreshold(pixelsOfError) });
     this.worlds = new Worlds({ goTo: (world) => this.goTo(world), jump: (to) => this.jump(to) });
-    this.clock = new Clock((drive, by) => this.engine.send({ kind: 'drive', drive, by }));
+    this.clock = new Clock((drive, to) => this.engine.send({ kind: 'drive', drive, to }));
     this.people = new People({ fly: (to) => (this.flying.pose = beside(this.flying.pose, to)), renamed: () => this.connect() });
     this.people.take(this.place.name);
     this.listen();
