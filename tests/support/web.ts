@@ -19,13 +19,16 @@ export async function parts(): Promise<Parts> {
 export class Copy {
   readonly leaves = new Map<string, { leaf: DrawnLeaf; blocks: Uint32Array }>();
   private readonly slots = new Map<number, Int32Array>();
+  private readonly hashes = new Map<string, bigint>(); // of leaves that are as when they were hashed
 
   apply({ gone, fresh, drawing, clear }: Extract<ToPainterFromEngine, { kind: 'change' }>): void {
     if (clear) this.leaves.clear();
     for (const key of gone) this.leaves.delete(key);
-    const { ends, blocks, changed, corners } = drawing;
+    const { ends, blocks, changed, corners } = drawing, touched = new Set([...changed].map((slot) => Math.floor(slot / BLOCK)));
     changed.forEach((slot, k) => this.slots.set(slot, corners.slice(SLOT * k, SLOT * (k + 1))));
     fresh.forEach((leaf, k) => this.leaves.set(leaf.key, { leaf, blocks: blocks.slice(k === 0 ? 0 : ends[k - 1], ends[k]) }));
+    for (const { key } of fresh) this.hashes.delete(key);
+    for (const key of this.hashes.keys()) if (!this.leaves.get(key)?.blocks.every((block) => !touched.has(block))) this.hashes.delete(key);
   }
 
   /** Corners of a leaf's triangles: x, z, y of each, steps from its own. */
@@ -40,14 +43,14 @@ export class Copy {
   get hash(): bigint {
     const owned = [...this.leaves.values()].flatMap(({ blocks }) => [...blocks]);
     if (new Set(owned).size !== owned.length) throw new Error('two leaves have a block');
-    let sum = 0n;
     for (const [key, { leaf }] of this.leaves) {
+      if (this.hashes.has(key)) continue;
       const triangles = this.trianglesOf(key);
       for (const corners of triangles)
         if (corners.some((v, k) => v < leaf.low[k % 3]! || v > leaf.high[k % 3]!)) throw new Error(`leaf ${key} has a triangle beyond its bounds`);
-      sum += hashTerm(leaf.address, hashLeaf(leaf.address, triangles));
+      this.hashes.set(key, hashTerm(leaf.address, hashLeaf(leaf.address, triangles)));
     }
-    return whole(sum);
+    return whole([...this.hashes.values()].reduce((sum, term) => sum + term, 0n));
   }
 }
 

@@ -90,7 +90,7 @@ class Client {
       const last = this.figures?.iteration ?? 0;
       this.core.pose(camera, ++this.poses);
       this.line.go();
-      while (this.figures === undefined || this.figures.iteration === last) await Promise.race([new Promise<void>((done) => (this.heard = done)), sleep(PATIENCE).then(() => assert.fail('no iteration comes'))]);
+      while (this.figures === undefined || this.figures.iteration === last) await Promise.race([new Promise<void>((done) => (this.heard = done)), sleep(PATIENCE, true).then(() => assert.fail('no iteration comes'))]);
       assert.equal(this.lost, undefined);
       each(this.figures, this.socket.hash);
     }
