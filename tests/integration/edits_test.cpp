@@ -307,10 +307,10 @@ void reachMembers(std::uint16_t port, const terrain::Terrain& base) {
   const auto rate = [&](Time::time_point since, int before) {
     return (total - before) / std::chrono::duration<double>(Time::now() - since).count() / kMembers;
   };
-  std::this_thread::sleep_for(2s);  // the meshes are there
+  EXPECT_TRUE(testing_support::await([&] { return total >= 5 * kMembers; }));  // the meshes are there
   auto since = Time::now();
   int before = total;
-  std::this_thread::sleep_for(3s);
+  if (testing_support::measures()) std::this_thread::sleep_for(3s);
   const double alone = rate(since, before);
   since = Time::now();
   before = total;
@@ -332,9 +332,9 @@ void reachMembers(std::uint16_t port, const terrain::Terrain& base) {
       kMembers, waits[waits.size() / 2], waits[waits.size() * 99 / 100], waits.back(), edited, alone);
 }
 
-TEST_F(EditsTest, ReachSixteenMembers) { reachMembers(port(), *base); }
-
-TEST_F(EditsTest, ReachSixteenMembersAHundredMillisecondsAway) {
+// A hundred milliseconds away; measured beside the server, too.
+TEST_F(EditsTest, ReachSixteenMembers) {
+  if (testing_support::measures()) reachMembers(port(), *base);
   testing_support::Relay relay(port(), {.delay = 50ms});
   reachMembers(relay.port(), *base);
 }
