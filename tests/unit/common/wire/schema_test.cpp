@@ -181,6 +181,7 @@ int judge(RandomMessage& random, int count, int damaged, auto decode) {
       if (!parses) continue;
       normalise(parsed);
       EXPECT_EQ(encode(*decoded), parsed.SerializeAsString()) << parsed.ShortDebugString();
+      EXPECT_TRUE(decode(bytesOf(encode(*decoded)))) << "what is accepted is valid";
     } else if (decoded.error().message == kMalformed) {
       EXPECT_TRUE(!parses || holdsGroup(parsed) || parsed.kind_case() == P::KIND_NOT_SET) << parsed.ShortDebugString();
     } else if (parses) {
