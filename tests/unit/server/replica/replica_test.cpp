@@ -3,9 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include <deque>
 #include <map>
-#include <random>
 
 #include "common/mesh/leaf_mesh.h"
 
@@ -29,28 +27,7 @@ struct World {
     for (const auto& [a, s] : leaves) out.push_back(s);
     return out;
   }
-  std::uint64_t hash(LeafAddress a) const { return leaves.at(a).hash; }
 };
-
-// A client that knows nothing of the replica: a map that applies what it is sent.
-struct Client {
-  std::map<LeafAddress, std::uint64_t> held;
-  std::uint64_t meshHash() const {
-    std::uint64_t sum = 0;
-    for (const auto& [a, h] : held) sum += mesh::hashTerm(a, h);
-    return sum;
-  }
-};
-
-struct Frame {
-  Changes changes;
-  std::map<LeafAddress, std::uint64_t> content;
-};
-Frame frameOf(const Changes& changes, const World& world) {
-  Frame frame{changes, {}};
-  for (const auto& a : changes.whole) frame.content[a] = world.hash(a);
-  return frame;
-}
 
 TEST(Replica, SendsWhatIsNewChangedAndGone) {
   World world;
@@ -163,75 +140,6 @@ TEST(Replica, KnowsAClientThatResumesMostOfTheMesh) {
   EXPECT_TRUE(replica.resumes(world.list())) << "half, with any content";
   replica.send(world.list());
   EXPECT_FALSE(replica.resumes(world.list())) << "once";
-}
-
-// Random worlds, delays, losses and acknowledgements against a client that merely applies what it gets.
-TEST(Replica, ClientAlwaysEndsWithTheMesh) {
-  for (unsigned seed = 0; seed < 60; ++seed) {
-    std::mt19937 random(seed);
-    World world;
-    Client client;
-    Replica replica(1 + seed % 5);
-    std::deque<Frame> underWay;
-    std::uint64_t applied = 0, acknowledged = 0;
-    std::deque<std::uint64_t> hashes;  // of what the client held after each iteration not yet acknowledged
-    const auto applyOne = [&] {
-      const Frame frame = underWay.front();
-      underWay.pop_front();
-      ASSERT_EQ(frame.changes.number, ++applied);
-      for (const auto& a : frame.changes.gone) {
-        if (frame.content.contains(a)) ADD_FAILURE() << "in both lists";
-        client.held.erase(a);
-      }
-      for (const auto& [a, h] : frame.content) client.held[a] = h;
-      hashes.push_back(client.meshHash());
-    };
-    const auto acknowledge = [&](std::size_t count) {
-      if (count == 0) return;
-      acknowledged += count;
-      hashes.erase(hashes.begin(), hashes.begin() + static_cast<std::ptrdiff_t>(count - 1));
-      const auto verdict = replica.acknowledge(acknowledged, hashes.front());
-      hashes.pop_front();
-      ASSERT_TRUE(verdict == Verdict::kAgrees || verdict == Verdict::kRepairs);
-    };
-    for (int step = 0; step < 400; ++step) {
-      for (int n = static_cast<int>(random() % 4); n > 0; --n) {
-        const LeafAddress a{static_cast<std::int32_t>(random() % 3), static_cast<std::int64_t>(random() % 5) - 2,
-                            static_cast<std::int64_t>(random() % 3)};
-        if (random() % 3 == 0)
-          world.leaves.erase(a);
-        else
-          world.set(a, random() % 4);  // often the content it had
-      }
-      if (replica.hasRoom()) {
-        const bool differed = replica.differs(world.list());
-        const auto changes = replica.send(world.list());
-        EXPECT_EQ(differed, !changes.gone.empty() || !changes.whole.empty());
-        EXPECT_TRUE(std::is_sorted(changes.whole.begin(), changes.whole.end()));
-        EXPECT_TRUE(std::is_sorted(changes.gone.begin(), changes.gone.end()));
-        underWay.push_back(frameOf(changes, world));
-        EXPECT_EQ(replica.leaves(), world.leaves.size());
-      }
-      if (!underWay.empty() && random() % 2) applyOne();
-      if (random() % 37 == 0 && !client.held.empty()) {  // the client loses a leaf and says so, or does not
-        const auto lost = std::next(client.held.begin(), static_cast<std::ptrdiff_t>(random() % client.held.size()))->first;
-        client.held.erase(lost);
-        if (random() % 2) replica.resend({&lost, 1});
-      }
-      acknowledge(random() % (hashes.size() + 1));
-      EXPECT_LE(replica.unacknowledged(), replica.window());
-    }
-    // At rest: at most one repair away from agreement.
-    for (int round = 0; round < 3; ++round) {
-      while (!underWay.empty()) applyOne();
-      acknowledge(hashes.size());
-      underWay.push_back(frameOf(replica.send(world.list()), world));
-      applyOne();
-    }
-    EXPECT_EQ(client.meshHash(), replica.meshHash()) << "seed " << seed;
-    EXPECT_EQ(client.held.size(), world.leaves.size());
-    for (const auto& [a, s] : world.leaves) EXPECT_EQ(client.held[a], s.hash);
-  }
 }
 
 }  // namespace
