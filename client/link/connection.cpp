@@ -282,7 +282,7 @@ std::optional<core::Roster> Connection::others(std::uint64_t seen) const {
   return impl_->look([&](const Conversation& c) { return c.roster().version() == seen ? std::nullopt : std::optional(c.roster()); });
 }
 
-std::vector<wire::MadeEdit> Connection::takeEdits() {
+core::EditsMade Connection::takeEdits() {
   return impl_->look([](Conversation& c) { return c.takeEdits(); });
 }
 std::vector<wire::HeightTile> Connection::takeTiles() {

@@ -103,7 +103,7 @@ class Connection {
   // Changes the ground; sets `id`. The future holds the edit's number once it is made, kept and in everybody's ground, or an error; at most
   // wire::kMaxEdits are pending at a time. With hello.edits: the edits made since the last call, in order.
   std::future<Outcome<wire::EditAnswer>> edit(wire::Edit edit);
-  std::vector<wire::MadeEdit> takeEdits();
+  core::EditsMade takeEdits();
   bool followsEdits() const;  // hello.edits, or the server's version has none
 
   // Replaces hello's settings from the next iteration on. A waiting change is replaced by a newer one and leaves before waiting poses.

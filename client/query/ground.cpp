@@ -76,23 +76,31 @@ constexpr std::size_t kInFlight = 16;  // queries
 
 // What has come of a session's edits. Its lock is held for moments.
 struct Ground::Heard {
-  Heard(const wire::World& world, bool keeps) : keepsOperations(keeps), last(world.compacted), hash(world.contentHash) {
-    if (last > 0) add(world.session + " " + std::to_string(last));  // these edits are not told
+  Heard(const wire::World& world, bool keeps) : keepsOperations(keeps), session(world.session), contentHash(world.contentHash) {
+    begin(world.compacted);
+  }
+  void begin(std::uint64_t after) {
+    last = after;
+    hash = contentHash;
+    if (last > 0) add(session + " " + std::to_string(last));  // these edits are not told
+    recent.clear();
+    edits.clear();
   }
   void listen(link::Connection& to) {
     const std::lock_guard lock(mutex);
-    for (wire::MadeEdit& made : to.takeEdits()) {
-      if (made.number <= last) continue;  // of an earlier connection
+    core::EditsMade come = to.takeEdits();
+    if (come.after < last) {
+      begin(come.after);
+      awaited = come.there;
+      isAnew = true;
+    }
+    for (wire::MadeEdit& made : come.made) {
       last = made.number;
       recent.push_back({last, made.ground});
       if (recent.size() > kRecent) recent.pop_front();
       add(made.operation);
       if (keepsOperations) edits.push_back(std::move(made));
     }
-  }
-  std::vector<wire::MadeEdit> take() {
-    const std::lock_guard lock(mutex);
-    return std::exchange(edits, {});
   }
   void add(std::string_view text) {
     for (std::size_t at = 0; at < text.size(); at += sizeof(std::uint64_t)) {
@@ -105,16 +113,29 @@ struct Ground::Heard {
 
   std::mutex mutex;
   const bool keepsOperations;
+  const std::string session;
+  const std::uint64_t contentHash;
   std::uint64_t last = 0, awaited = 0;
   std::deque<Change> recent;
-  std::uint64_t hash;                 // of the world and all operations
+  std::uint64_t hash = 0;             // of the world and all operations
   std::vector<wire::MadeEdit> edits;  // not applied yet, if they are applied here
+  bool isAnew = false;                // they are to be applied to the world's own ground
 };
 
 // What they have made of the terrain held here. Its lock is held while edits are applied.
 struct Ground::Edited {
   explicit Edited(std::shared_ptr<const terrain::Terrain> terrain) : history(terrain), now(std::move(terrain)) {}
-  Outcome<void> apply(const std::vector<wire::MadeEdit>& come) {
+  Outcome<void> apply(Heard& heard) {
+    std::vector<wire::MadeEdit> come;
+    {
+      const std::lock_guard lock(heard.mutex);
+      come = std::exchange(heard.edits, {});
+      if (std::exchange(heard.isAnew, false)) {
+        now = history.terrain();
+        history = edits::History(now);
+        failed.reset();
+      }
+    }
     for (const wire::MadeEdit& made : come) {
       if (failed) break;
       auto operation = edits::fromJson(made.operation);
@@ -180,7 +201,7 @@ Outcome<Ground::Known> Ground::local() const {
   if (!edited_) return Known{local_};
   const std::lock_guard lock(edited_->mutex);
   if (auto come = hear(); !come) return come.error();
-  if (auto applied = edited_->apply(heard_->take()); !applied) return applied.error();
+  if (auto applied = edited_->apply(*heard_); !applied) return applied.error();
   return Known{edited_->now, edited_->history.last()};
 }
 

@@ -33,7 +33,7 @@ struct Change {
   lattice::Area area;      // bounds what it changed
 };
 struct News {
-  std::uint64_t heard = 0;      // the last edit that has been heard of
+  std::uint64_t heard = 0;      // the last edit that has been heard of; less than before: a recording has gone back
   std::uint64_t awaited = 0;    // one that will be (Ground::know), maybe later than `heard`
   std::vector<Change> changes;  // ascending by number
 };

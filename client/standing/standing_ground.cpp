@@ -147,7 +147,9 @@ void StandingGround::remove(const Window& window) {
 std::uint64_t StandingGround::hear() {
   const std::lock_guard lock(mutex_);
   const query::News news = source_.since(heard_);
-  heard_ = std::max(heard_, news.heard);
+  if (std::exchange(heard_, news.heard) > news.heard)  // a recording has gone back
+    for (const auto& [key, place] : places_)
+      if (place.tile) stale_.insert({place.distance, key});
   const lattice::Step side = kCells * options_.spacing;
   for (const query::Change& change : news.changes) {
     const lattice::Area& a = change.area;
@@ -218,6 +220,7 @@ void StandingGround::run() {
     const auto made = make(key);
     lock.lock();
     failed_.reset();
+    if (made && heard_ < before) continue;  // of edits that are void
     if (made) {
       keep(key, *made);
       for (const query::Change& change : source_.since((*made)->edit).changes)

@@ -201,8 +201,8 @@ TEST(DurableSession, CompactedEditsAreInTheAnswersOfThoseWhoComeLater) {
   const auto depthAt = [&](int x) { return base->height({x * 256, 0}) - ground.height(x, 0).value(); };
   EXPECT_NEAR(depthAt(100), 4, 0.1);
   EXPECT_EQ(bodyOf(post(server.port(), "default", crater(300)))["number"], 4);
-  decltype((*member)->takeEdits()) heard;
-  ASSERT_TRUE(testing_support::await([&] { return !(heard = (*member)->takeEdits()).empty(); }));
+  std::vector<wire::MadeEdit> heard;
+  ASSERT_TRUE(testing_support::await([&] { return !(heard = (*member)->takeEdits().made).empty(); }));
   EXPECT_EQ(heard.front().number, 4u);
   EXPECT_NEAR(depthAt(300), 4, 0.1);
   EXPECT_FALSE((*member)->error());

@@ -234,7 +234,7 @@ TEST_F(RecordingEndToEnd, OnlookersSeeItsMembersAndItsGround) {
   // Who takes the clock skips ahead to the end.
   onlooker->setClock({true, wire::ClockMode::kStepped, 0});
   onlooker->step({3'600'000'000, false});
-  EXPECT_TRUE(await([&] { return !onlooker->takeEdits().empty(); }));
+  EXPECT_TRUE(await([&] { return !onlooker->takeEdits().made.empty(); }));
   EXPECT_TRUE(await([&] { return !member(); }));
   EXPECT_FALSE(onlooker->error());
   const wire::Clock over = onlooker->clock().said();
@@ -251,17 +251,24 @@ TEST_F(RecordingEndToEnd, OnlookersSeeItsMembersAndItsGround) {
   EXPECT_EQ(onlooker->world().edit, 0u);
   EXPECT_FALSE(member());
   onlooker->setClock({true, wire::ClockMode::kStepped, 0, over.end - 1});
-  EXPECT_TRUE(await([&] { return !onlooker->takeEdits().empty(); }));
+  EXPECT_TRUE(await([&] { return !onlooker->takeEdits().made.empty(); }));
   EXPECT_FALSE(onlooker->error());
   // A program's calls: they come back by themselves.
   onlooker.reset();
   const auto program = world::World::join("127.0.0.1:" + std::to_string(std::stoul(readText(portFile))), {.camera = false}).value();
   const std::chrono::microseconds end(over.end);
+  ASSERT_TRUE(program->isLocal());
+  const auto ground = [&] { return program->terrain().height(1600, 3000).value(); };
+  const double before = ground();
   for (const auto to : {end - 1us, 1'000'000us, 2'000'000us, 5us, end + 1s}) {
     const auto jumped = program->jump(to, kTimeout);
     ASSERT_TRUE(jumped) << jumped.error().message;
     EXPECT_EQ(program->clock().said().time, static_cast<std::uint64_t>(std::min(to, end).count()));
     EXPECT_EQ(program->clock().said().mode, wire::ClockMode::kStepped);
+    if (to < 3s)
+      EXPECT_EQ(ground(), before) << "at " << to.count() << " us the crater was not made yet";
+    else
+      EXPECT_TRUE(await([&] { return ground() < before - 5; })) << "it is made again";
   }
 }
 

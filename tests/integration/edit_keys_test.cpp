@@ -88,7 +88,7 @@ TEST_F(EditKeysTest, ANameThatImitatesGainsNothing) {
   EXPECT_EQ(make(*unnamed, craterAt(50), "k"), 2u) << "of one holder, without a name, as over HTTP";
   std::vector<wire::MadeEdit> told;
   ASSERT_TRUE(testing_support::await([&] {
-    for (auto& edit : unnamed->takeEdits()) told.push_back(std::move(edit));
+    for (auto& edit : unnamed->takeEdits().made) told.push_back(std::move(edit));
     return told.size() >= 2;
   }));
   EXPECT_EQ(told[0].author, "token of guest");
@@ -100,7 +100,7 @@ TEST_F(EditKeysTest, TheAuthorIsTheHolderAndTheNameStandsBesideIt) {
   const auto ann = join("ann", lab.token);
   EXPECT_EQ(make(*ann, craterAt(0), ""), 1u);
   std::vector<wire::MadeEdit> told;
-  ASSERT_TRUE(testing_support::await([&] { return !(told = ann->takeEdits()).empty(); }));
+  ASSERT_TRUE(testing_support::await([&] { return !(told = ann->takeEdits().made).empty(); }));
   EXPECT_EQ(told[0].author, "token of lab");
   EXPECT_EQ(told[0].name, "ann");
   EXPECT_THAT(get("/v1/sessions/default/edits", "Authorization: Bearer " + guest.token + "\r\n"),

@@ -83,7 +83,7 @@ class Member {
   std::vector<wire::MadeEdit> edits(std::uint64_t until) {
     const auto deadline = Time::now() + kTimeout;
     while ((edits_.empty() || edits_.back().number < until) && Time::now() < deadline) {
-      for (auto& made : connection_->takeEdits()) edits_.push_back(std::move(made));
+      for (auto& made : connection_->takeEdits().made) edits_.push_back(std::move(made));
       std::this_thread::sleep_for(1ms);
     }
     return edits_;

@@ -317,7 +317,7 @@ void Member::look() {
   if (const std::uint64_t version = conversation().roster().version(); std::exchange(membersSeen_, version) < version) lookAtMembers();
   if (const std::uint64_t version = conversation().clock().version(); std::exchange(clockSeen_, version) < version)
     take(conversation().clock().said());
-  if (const auto edits = conversation().takeEdits(); !edits.empty()) {
+  if (const auto edits = conversation().takeEdits().made; !edits.empty()) {
     editor_.take(edits);
     saw(editor_.followed());
   }

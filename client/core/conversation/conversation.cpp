@@ -124,10 +124,10 @@ std::optional<Received> Conversation::receive() {
   return received;
 }
 
-std::vector<wire::MadeEdit> Conversation::takeEdits() { return std::exchange(edits_, {}); }
+EditsMade Conversation::takeEdits() { return {lastEdit_ - edits_.size(), world_.edit, std::exchange(edits_, {})}; }
 
 std::uint64_t Conversation::forgetEdits() {
-  if (!edits_.empty()) lastEdit_ = edits_.front().number - 1;
+  lastEdit_ -= edits_.size();
   edits_.clear();
   return lastEdit_;
 }

@@ -23,6 +23,11 @@ struct Received {
   wire::Iteration iteration;
   std::uint64_t bytes = 0;  // of the frame
 };
+struct EditsMade {
+  std::uint64_t after = 0;  // `made` begins after this edit; whatever is held of later ones is void: a recording has gone back
+  std::uint64_t there = 0;  // the world's last edit when the conversation began
+  std::vector<wire::MadeEdit> made;
+};
 struct EditsFound {
   std::vector<wire::FoundEdits> found;
   std::vector<wire::Squares> squares;
@@ -78,13 +83,14 @@ class Conversation {
   const SessionClock& clock() const { return clock_; }
   bool speaksOther() const { return speaksOther_; }                     // another protocol version: reconnecting is pointless
   const std::optional<std::string>& sentTo() const { return sentTo_; }  // where to reconnect, from its farewell; empty: the same place
+  bool isRecording() const { return clock_.said().end > 0; }            // as far as the clock was heard
   bool followsEdits() const { return hello_.edits || world_.revision < 4; }
   std::uint64_t bytes() const { return bytes_; }
   bool hasIterations() const { return !iterations_.empty(); }
   // The next iteration, in order. At most the world's window of them wait, and 256 MiB.
   std::optional<Received> receive();
   static constexpr std::size_t kMaxMadeEdits = 1u << 20;  // queued; one more is an error
-  std::vector<wire::MadeEdit> takeEdits();
+  EditsMade takeEdits();
   std::uint64_t forgetEdits();                  // drops those queued; returns the number of the last before them
   std::uint64_t edit() const { return edit_; }  // the newest that the server has spoken of
   std::vector<wire::HeightTile> takeTiles();

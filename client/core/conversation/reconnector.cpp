@@ -31,8 +31,7 @@ Wrong Reconnector::heard(std::span<const std::uint8_t> frame, Instant now) {
   if (Wrong wrong = ofLine().heard(frame, now)) return wrong;
   if (wasGreeted || !isGreeted() || !coming_ || !current_->hasWorld()) return std::nullopt;
   const wire::World &before = current_->world(), &after = coming_->world();
-  const bool isRecording = current_->clock().said().end > 0;  // which may go back
-  otherWorld_ = after.contentHash != before.contentHash || (after.edit < current_->edit() && !isRecording);
+  otherWorld_ = after.contentHash != before.contentHash || (after.edit < current_->edit() && !current_->isRecording());
   if (!otherWorld_ || returns_ == Returns::kAlways) return std::nullopt;
   return after.contentHash != before.contentHash ? "the server has another world now" : "the server has lost edits of this world";
 }
@@ -51,6 +50,7 @@ void Reconnector::ended(const Error& why, Instant now) {
   speaksOther_ = ofLine().speaksOther();
   if (const auto& sentTo = ofLine().sentTo(); sentTo && !sentTo->empty()) follow(*sentTo);
   hello_.editsAfter = current_->forgetEdits();
+  if (current_->isRecording()) hello_.editsAfter = 0;  // it may go back: it tells all of them again
   coming_.reset();
   const auto half = static_cast<unsigned>(pause_.count() / 2);
   next_ = now + std::chrono::milliseconds(half + random_() % (half + 1));

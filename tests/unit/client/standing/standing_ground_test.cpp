@@ -440,6 +440,30 @@ TEST(StandingGround, WhoMissedManyEditsMakesAllTilesAgain) {
   expectTrue(held, site);
 }
 
+TEST(StandingGround, WhatARecordingUndoesByGoingBackIsMadeAgain) {
+  Site before, after;
+  std::atomic<Site*> now = &before;
+  const auto ground = make({[&](auto x, auto z, auto out) { return now.load()->source().heights(x, z, out); },
+                            [&](std::uint64_t edit) { return now.load()->source().since(edit); }});
+  Tiles held;
+  ASSERT_TRUE(ground->move(std::vector<Point>{{0, 0}}));
+  before.edit(craterAt(10, 10, 5, 6));
+  settle(*ground, held);
+  expectTrue(held, before);
+  now = &after;
+  settle(*ground, held);
+  expectTrue(held, after);
+  // While a tile is made.
+  now = &before;
+  before.meanwhile = [&] {
+    now = &after;
+    take(*ground, held);
+  };
+  before.edit(craterAt(20, 10, 5, 6));
+  settle(*ground, held);
+  expectTrue(held, after);
+}
+
 TEST(StandingGround, EditsAreMadeWhereMemoryIsFull) {
   Site site;
   const auto ground = make(site.source(), {.radius = 300 * kMetre, .memory = 100'000});

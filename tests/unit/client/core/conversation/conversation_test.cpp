@@ -248,7 +248,7 @@ TEST(Conversation, EditsAreFollowedWithoutAGap) {
   greeting.compacted = 7;
   Talk talk({.edits = true, .editsAfter = 5}, greeting);
   EXPECT_EQ(talk.hears(wire::Edited{{{8, {}, {}, {}, {}}, {9, {}, {}, {}, {}}}}), "");
-  EXPECT_EQ(talk.conversation.takeEdits().size(), 2u);
+  EXPECT_EQ(talk.conversation.takeEdits().made.size(), 2u);
   expectHas(talk.hears(wire::Edited{{{11, {}, {}, {}, {}}}}), "leave a gap");
 }
 

@@ -303,12 +303,21 @@ TEST(Reconnector, AServerThatHasLostEditsHasAnotherWorld) {
 }
 
 TEST(Reconnector, ARecordingMayGoBackBeforeItsEdits) {
-  Journey journey({.clock = true});
+  Journey journey({.clock = true, .edits = true});
   journey.begins(greeting(9));
   EXPECT_EQ(journey.hears(wire::Clock{.mode = wire::ClockMode::kStepped, .end = 1}), "");
+  EXPECT_EQ(journey.hears(edited(1, 9)), "");
+  EXPECT_EQ(journey.reconnector.conversation().takeEdits().made.size(), 9u);
   journey.loses();
+  EXPECT_EQ(journey.reconnector.conversation().takeEdits().after, 9u) << "none are void until it is back";
   journey.returns(greeting(2));
   EXPECT_FALSE(journey.reconnector.otherWorld());
+  EXPECT_EQ(journey.hello().editsAfter, 0u);
+  EXPECT_EQ(journey.hears(edited(1, 2)), "");
+  const EditsMade edits = journey.reconnector.conversation().takeEdits();
+  EXPECT_EQ(edits.after, 0u);
+  EXPECT_EQ(edits.there, 2u);
+  EXPECT_EQ(edits.made.size(), 2u);
 }
 
 TEST(Reconnector, EditsGoOnAfterTheLastThatWasTaken) {
@@ -317,7 +326,7 @@ TEST(Reconnector, EditsGoOnAfterTheLastThatWasTaken) {
   EXPECT_EQ(journey.hello().editsAfter, 2u);
   const auto numbers = [&] {
     std::vector<std::uint64_t> out;
-    for (const wire::MadeEdit& made : journey.reconnector.conversation().takeEdits()) out.push_back(made.number);
+    for (const wire::MadeEdit& made : journey.reconnector.conversation().takeEdits().made) out.push_back(made.number);
     return out;
   };
   EXPECT_EQ(journey.hears(edited(3, 5)), "");

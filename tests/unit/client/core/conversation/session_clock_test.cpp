@@ -92,6 +92,11 @@ TEST(SessionClock, AChangeOfRateIsFollowedAtOnce) {
   EXPECT_NEAR(static_cast<double>(clock.time(now + 9s)), 3e6, 2000);
   clock.hear(running(3'000'000, 0, 10.0), now + 9s);
   EXPECT_NEAR(static_cast<double>(clock.time(now + 10s)), 13e6, 20'000);
+  // Also where a sample of before could still be right.
+  const auto next = clock.ask(now + 20s);
+  clock.hear(running(1'000'000, next.echo), now + 20s + 1ms);
+  clock.hear(running(1'500'000, 0, 4.0), now + 20s + 500ms);
+  EXPECT_NEAR(static_cast<double>(clock.time(now + 20s + 600ms)), 1.9e6, 10'000);
 }
 
 TEST(SessionClock, AStepIsExact) {

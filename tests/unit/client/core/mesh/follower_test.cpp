@@ -235,6 +235,8 @@ TEST(Follower, AsksOnceUntilTheHashesAgree) {
   EXPECT_TRUE(twice.wrong && !twice.resend);
   EXPECT_FALSE(follower.apply(iterationOf(3, {leaf}, mesh::hashTerm(leaf.address, mesh::hashLeaf(leaf)))).wrong);
   EXPECT_TRUE(follower.apply(iterationOf(4, {}, 7)).resend);
+  follower.resume();
+  EXPECT_TRUE(follower.apply(iterationOf(1, {}, 7)).resend) << "over this connection nothing was requested yet";
 }
 
 TEST(Follower, ResumesInMessagesThatAServerTakes) {
