@@ -1,5 +1,6 @@
 #pragma once
-// A layer being written: operations change its tiles in place. Arguments must outlive the turns.
+// A layer being written: operations change its tiles in place, in turns whose cost is in posts examined (about 30 ns each). Arguments
+// must outlive the turns.
 
 #include <cstdint>
 #include <map>
@@ -7,7 +8,7 @@
 
 #include "common/edits/layer.h"
 #include "common/edits/operation.h"
-#include "common/edits/turns.h"
+#include "common/outcome/turns.h"
 #include "common/terrain/terrain.h"
 
 namespace ridgecast::edits {

@@ -24,9 +24,9 @@
 #include "common/edits/entries.h"
 #include "common/edits/layer.h"
 #include "common/edits/operation.h"
-#include "common/edits/turns.h"
 #include "common/outcome/contract.h"
 #include "common/outcome/outcome.h"
+#include "common/outcome/turns.h"
 #include "common/terrain/terrain.h"
 
 namespace ridgecast::edits {

@@ -9,6 +9,8 @@
 #include <optional>
 #include <utility>
 
+#include "common/outcome/contract.h"
+#include "common/outcome/turns.h"
 #include "common/terrain/terrain.h"
 #include "common/triangulation/triangulation.h"
 #include "server/box/filing.h"
@@ -60,16 +62,15 @@ class Meshing::Mesher {
     worst_ = std::make_unique_for_overwrite<Worst[]>(mesh_.triangleCapacity());
     const auto vertex = [&](Point2 p) { return Vertex{p.x, p.z, heightAt(p), triangulation::kNoEdge}; };
     mesh_.start(vertex(plan_.corners[0]), vertex(plan_.corners[1]), vertex(plan_.corners[2]));
-    now_.hint = mesh_.anyTriangle();
-    now_.points = {plan_.corners[3]};
   }
 
   std::optional<Result<BoxMesh>> work(Time until) {
     until_ = until;
     wentOn_ = false;
-    auto made = advance();
-    if (!made && watch_.over()) return watch_.problem();
-    return made;
+    if (turns_.next()) return watch_.over() ? std::optional<Result<BoxMesh>>(watch_.problem()) : std::nullopt;
+    if (full_) return tooManyTriangles(plan_.error, plan_.most, static_cast<double>(reached_) * 1.1);
+    if (problem_) return *problem_;
+    return made();
   }
 
  private:
@@ -87,76 +88,62 @@ class Meshing::Mesher {
     Open open;
   };
 
-  enum class Stage { kSampling, kOutline, kFirst, kSweeps, kVerdicts, kMending, kThinning, kFiling };
-
   // However short a turn is, something is done in it.
   bool pauses() { return watch_.over() || (std::chrono::steady_clock::now() >= until_ && wentOn_.exchange(true)); }
 
-  std::optional<Result<BoxMesh>> advance() {
-    for (;;) switch (now_.stage) {
-        case Stage::kSampling:
-          if (!sample()) return {};
-          if (!now_.begun && samples_.slack() > kRough * plan_.kept && samples_.halves(plan_.samples / 4)) {
-            now_.sampled = 0;
-            break;
-          }
-          now_.stage = now_.begun ? Stage::kVerdicts : Stage::kOutline;
-          break;
-        case Stage::kOutline:
-          if (!outline() || !glanceAll()) return {};
-          if (now_.full) return tooManyTriangles(plan_.error, plan_.most, 0);
-          now_.stage = Stage::kFirst;
-          now_.outline = vertices_;
-          collect(plan_.kept);
-          break;
-        case Stage::kFirst:  // one by one, until there is room for many hands
-          if (!insertWorst(plan_.kept, now_.outline + kVerticesARegion * static_cast<std::uint32_t>(regions_.size()))) return {};
-          if (now_.full) return tooManyTriangles(plan_.error, plan_.most, static_cast<double>(now_.reached) * 1.1);
-          now_.heap.clear();
-          now_.stage = Stage::kSweeps;
-          break;
-        case Stage::kSweeps:
-          if (now_.limit == 0) {
-            const float most = worst(true);
-            if (most <= plan_.kept) {
-              now_.stage = Stage::kVerdicts;
-              forgetVerdicts();
-              break;
-            }
-            // A few triangles that other regions left behind are not worth a sweep of their own.
-            now_.reached = std::min(most, now_.lowest);
-            now_.limit = now_.lowest = std::max(plan_.kept, kFall * now_.reached);
-          }
-          if (!sweep(true)) return {};
-          if (now_.full) return tooManyTriangles(plan_.error, plan_.most, static_cast<double>(now_.reached) * 1.1);
-          break;
-        case Stage::kVerdicts:
-          if (!judgeAll()) return {};
-          if (refine()) {
-            if (samples_.count() > plan_.samples) return tooRough(plan_.error, plan_.samples);
-            now_.stage = Stage::kSampling;
-          } else if (worst(true) <= plan_.kept) {
-            if (const float stuck = worst(false); stuck > plan_.kept) return tooSteep(stuck);
-            now_.stage = Stage::kThinning;
-          } else {
-            now_.limit = plan_.kept;
-            now_.stage = Stage::kMending;
-          }
-          break;
-        case Stage::kMending:
-          if (!sweep(false)) return {};
-          if (now_.full) return tooManyTriangles(plan_.error, plan_.most, static_cast<double>(now_.reached) * 1.1);
-          now_.stage = Stage::kVerdicts;
-          break;
-        case Stage::kThinning:
-          if (!byColour([&](std::size_t home) { return thin(mesh_, regions_, home, judge_, plan_.kept, worst_.get()), true; })) return {};
-          now_.stage = Stage::kFiling;
-          now_.next = 0;
-          break;
-        case Stage::kFiling:
-          if (!file()) return {};
-          return made();
+  // All of it. Ends early when the mesh is full, or with a problem.
+  Turns run() {
+    do
+      for (Turns turns = sample(0); turns.next();) co_yield 0;
+    while (samples_.slack() > kRough * plan_.kept && samples_.halves(plan_.samples / 4));
+    for (Turns turns = approximate(); turns.next();) co_yield 0;
+    for (forgetVerdicts(); !full_;) {
+      for (Turns turns = judgeAll(); turns.next();) co_yield 0;
+      const std::size_t sampled = samples_.size();  // tiles
+      if (refine()) {
+        if (samples_.count() > plan_.samples) problem_ = tooRough(plan_.error, plan_.samples);
+        if (problem_) co_return;
+        for (Turns turns = sample(sampled); turns.next();) co_yield 0;
+      } else if (worst(true) <= plan_.kept) {
+        break;
+      } else {
+        for (Turns turns = sweep(plan_.kept, false); turns.next();) co_yield 0;
       }
+    }
+    if (full_) co_return;
+    if (const float stuck = worst(false); stuck > plan_.kept) problem_ = tooSteep(stuck);
+    if (problem_) co_return;
+    for (Turns turns = byColour([this](std::size_t k) { return thin(mesh_, regions_, k, judge_, plan_.kept, worst_.get()), true; });
+         turns.next();)
+      co_yield 0;
+    filing_.emplace(mesh_, plan_.frame, plan_.low, plan_.high, regions_.size());
+    for (Turns turns = each(regions_.size(), [this](std::size_t k) { return filing_->add(k, regions_[k]), true; }); turns.next();)
+      co_yield 0;
+    while (!filing_->finish(pool_))
+      if (pauses()) co_yield 0;
+  }
+
+  // Until no triangle's worst sample is beyond the limit.
+  Turns approximate() {
+    for (Turns turns = outline(); turns.next();) co_yield 0;
+    if (full_) co_return;
+    for (Turns turns = each(regions_.size(), [this](std::size_t k) { return forEachFresh(k, [this](TriangleId t) { glance(t); }); });
+         turns.next();)
+      co_yield 0;
+    // One by one, until there is room for many hands.
+    std::vector<Wanted> heap;
+    for (RegionId r : regions_) forEachWanted(r, plan_.kept, [&](const Wanted& w) { heap.push_back(w); });
+    const std::uint32_t enough = vertices_ + kVerticesARegion * static_cast<std::uint32_t>(regions_.size());
+    for (Turns turns = insertWorst(heap, plan_.kept, enough, true); turns.next();) co_yield 0;
+    float lowest = std::numeric_limits<float>::infinity();  // of the limits so far
+    while (!full_) {
+      const float most = worst(true);
+      if (most <= plan_.kept) break;
+      // A few triangles that other regions left behind are not worth a sweep of their own.
+      reached_ = std::min(most, lowest);
+      lowest = std::max(plan_.kept, kFall * reached_);
+      for (Turns turns = sweep(lowest, true); turns.next();) co_yield 0;
+    }
   }
 
   std::int32_t heightAt(Point2 p) const {
@@ -169,93 +156,70 @@ class Meshing::Mesher {
     return {cornerOf(mesh_, v[0]), cornerOf(mesh_, v[1]), cornerOf(mesh_, v[2])};
   }
 
-  // False: the turn is over.
-  bool sample() {
-    if (now_.sampled == samples_.size()) return true;
-    const std::size_t some = std::max<std::size_t>(1, kSamplesATime / samples_[now_.sampled].count()),
-                      parts = (samples_.size() - now_.sampled + some - 1) / some;
-    const auto fill = [&](std::size_t part) {
-      const std::size_t first = now_.sampled + part * some;
-      for (std::size_t k = first; k < std::min(first + some, samples_.size()); ++k) samples_.fill(k);
+  // The tiles from `first` on.
+  Turns sample(std::size_t first) {
+    if (first == samples_.size()) co_return;
+    const std::size_t some = std::max<std::size_t>(1, kSamplesATime / samples_[first].count()),
+                      parts = (samples_.size() - first + some - 1) / some;
+    const auto fill = [this, first, some](std::size_t part) {
+      const std::size_t begin = first + part * some;
+      for (std::size_t k = begin; k < std::min(begin + some, samples_.size()); ++k) samples_.fill(k);
       return true;
     };
-    if (!once(parts, fill)) return false;
-    now_.sampled = samples_.size();
-    return true;
+    for (Turns turns = each(parts, fill); turns.next();) co_yield 0;
   }
 
-  // The last corner and the sides' points. False: the turn is over.
-  bool outline() {
-    while (!now_.begun) {
-      for (; now_.next < now_.points.size(); ++now_.next) {
-        if (now_.next % kInsertions == 0 && pauses()) return false;
-        const Point2 p = now_.points[now_.next];
-        const TriangleId t = mesh_.locate(p, now_.hint, all_);
+  // The last corner and the sides' points.
+  Turns outline() {
+    TriangleId hint = mesh_.anyTriangle();
+    std::vector<Point2> points{plan_.corners[3]};
+    for (std::size_t side = 0;; ++side) {
+      for (std::size_t n = 0; n < points.size(); ++n) {
+        if (n % kInsertions == 0 && pauses()) co_yield 0;
+        const Point2 p = points[n];
+        const TriangleId t = mesh_.locate(p, hint, all_);
         VertexId made;
         const Change change = mesh_.insert({p.x, p.z, heightAt(p), triangulation::kNoEdge}, t, all_, &made);
-        now_.hint = change == Change::kDone ? mesh_.edgeOf(made) >> 2 : t;
+        hint = change == Change::kDone ? mesh_.edgeOf(made) >> 2 : t;
         vertices_ += change == Change::kDone;
       }
-      now_.full = 2 * vertices_ > plan_.most;
-      now_.points.clear();
-      now_.next = 0;
-      if (now_.full || now_.side == plan_.corners.size())
-        now_.begun = true;
-      else {
-        if (!now_.division)
-          now_.division.emplace(terrain_, plan_.frame,
-                                Side{plan_.corners[now_.side], plan_.corners[(now_.side + 1) % plan_.corners.size()],
-                                     kSideShare * plan_.error, plan_.vertical});
-        if (!now_.division->work([this] { return pauses(); })) return false;
-        now_.points = now_.division->take();
-        now_.division.reset();
-      }
+      full_ = 2 * vertices_ > plan_.most;
+      if (full_ || side == plan_.corners.size()) co_return;
+      Division division(terrain_, plan_.frame,
+                        {plan_.corners[side], plan_.corners[(side + 1) % plan_.corners.size()], kSideShare * plan_.error, plan_.vertical});
+      for (Turns turns = division.work([this] { return pauses(); }); turns.next();) co_yield 0;
+      points = division.take();
       // Many points along a side would see the other ones: a grid keeps their triangles short.
-      if (now_.side == 0 && now_.points.size() > kManyOnASide) {
+      if (side == 0 && points.size() > kManyOnASide) {
         const auto grid = regions_.corners(plan_.corners[0], plan_.corners[2]);
-        now_.points.insert(now_.points.begin(), grid.begin(), grid.end());
+        points.insert(points.begin(), grid.begin(), grid.end());
       }
-      ++now_.side;
     }
-    return true;
   }
 
-  // f(k) for all k < n at the same time. False: one returned false, for the turn is over.
+  // f(k) for all k < n at the same time; where one returns false, because the turn is over, it is called again in the next.
   template <class F>
-  bool all(std::size_t n, F&& f) {
-    std::atomic<bool> done{true};
-    pool_.forEach(n, 1, [&](std::size_t k) {
-      if (!f(k)) done = false;
-    });
-    return done;
+  Turns each(std::size_t n, F f) {
+    std::vector<std::uint8_t> did(n);  // bytes, for threads write them side by side
+    for (;;) {
+      pool_.forEach(n, 1, [this, &did, &f](std::size_t k) {
+        if (!did[k]) did[k] = !pauses() && f(k);
+      });
+      if (std::ranges::find(did, 0) == did.end()) co_return;
+      co_yield 0;
+    }
   }
-  // The same, each once, in as many turns as it takes.
-  template <class F>
-  bool once(std::size_t n, F&& f) {
-    now_.did.resize(n);
-    const auto unlessDone = [&](std::size_t k) {
-      if (!now_.did[k]) now_.did[k] = !pauses() && f(k);
-      return now_.did[k] != 0;
-    };
-    if (!all(n, unlessDone)) return false;
-    now_.did.clear();
-    return true;
-  }
-  // f(t) for the fresh triangles of a region, which are judged by it. False: the turn is over.
+  // f(t) for the fresh triangles of a region, which are judged by it; as f of each().
   template <class F>
   bool forEachFresh(std::size_t k, F&& f) {
     thread_local std::vector<TriangleId> fresh;
     fresh.clear();
     mesh_.trianglePages().forEachFresh(regions_[k], [&](TriangleId t) { fresh.push_back(t); });
     for (std::size_t n = 0; n < fresh.size(); ++n) {
-      if (n % kVerdicts == 0 && pauses()) return false;
       f(fresh[n]);
+      if ((n + 1) % kVerdicts == 0 && pauses()) return false;
     }
     return true;
-  }
-  // At every fresh triangle. False: the turn is over.
-  bool glanceAll() {
-    return all(regions_.size(), [&](std::size_t k) { return forEachFresh(k, [&](TriangleId t) { glance(t); }); });
   }
 
   void glance(TriangleId t) {
@@ -275,11 +239,6 @@ class Meshing::Mesher {
       if (!mesh_.trianglePages().fresh(t) && worst_[t].admissible && worst_[t].error > limit) f(Wanted{worst_[t].error, worst_[t].at(), t});
     });
   }
-  void collect(float limit) {
-    for (RegionId r : regions_) forEachWanted(r, limit, [&](const Wanted& w) { now_.heap.push_back(w); });
-    std::make_heap(now_.heap.begin(), now_.heap.end());
-  }
-
   static Wanted take(std::vector<Wanted>& heap) {
     std::pop_heap(heap.begin(), heap.end());
     const Wanted w = heap.back();
@@ -298,62 +257,54 @@ class Meshing::Mesher {
     });
   }
 
-  // The worst of all first, until the heap is empty or there are so many vertices. False: the turn is over.
-  bool insertWorst(float limit, std::uint32_t enough, bool again = true) {
-    while (!now_.heap.empty() && vertices_ < enough) {
-      if (++now_.next % kInsertions == 0 && pauses()) return false;
-      const Wanted w = take(now_.heap);
+  // The worst of all first, until the heap is empty or there are so many vertices. `again`: as for sweep().
+  Turns insertWorst(std::vector<Wanted>& heap, float limit, std::uint32_t enough, bool again) {
+    std::make_heap(heap.begin(), heap.end());
+    for (std::size_t n = 1; !heap.empty() && vertices_ < enough; ++n) {
+      if (n % kInsertions == 0 && pauses()) co_yield 0;
+      const Wanted w = take(heap);
       if (!stands(w)) continue;
-      now_.reached = w.error;
+      reached_ = w.error;
       VertexId made;
-      if (insert(w, all_, made) != Change::kDone || 2 * ++vertices_ > plan_.most) {
-        now_.full = true;
-        return true;
-      }
-      if (again) glanceAround(made, limit, now_.heap, [](TriangleId) { return true; });
+      full_ = insert(w, all_, made) != Change::kDone || 2 * ++vertices_ > plan_.most;
+      if (full_) co_return;
+      if (again) glanceAround(made, limit, heap, [](TriangleId) { return true; });
     }
-    return true;
   }
 
-  // f(region) for all, those of one colour at the same time, from the colour in hand on. False: one returned false, for the turn is over.
+  // f(region) for all, those of one colour at the same time; as f of each().
   template <class F>
-  bool byColour(F&& f) {
-    for (; now_.colour < Regions::kColours && !now_.full; ++now_.colour) {
-      const auto& regions = regions_.colour(now_.colour);
-      if (!once(regions.size(), [&](std::size_t k) { return f(regions[k]); })) return false;
+  Turns byColour(F f) {
+    for (std::size_t colour = 0; colour < Regions::kColours && !full_; ++colour) {
+      const auto& regions = regions_.colour(colour);
+      for (Turns turns = each(regions.size(), [&f, &regions](std::size_t k) { return f(regions[k]); }); turns.next();) co_yield 0;
       vertices_ = mesh_.liveVertices();
-      now_.full = 2 * vertices_ > plan_.most;
+      full_ = 2 * vertices_ > plan_.most;
     }
-    return true;
   }
 
   // Inserts what is worse than the limit, region by region, those of one colour at the same time. `again`: what comes anew is glanced at
-  // and may follow; otherwise it stays fresh. False: the turn is over.
-  bool sweep(bool again) {
-    if (!byColour([&](std::size_t home) { return sweep(home, again); })) return false;
-    if (now_.full) return true;
-    // What reaches beyond nine regions.
+  // and may follow; otherwise it stays fresh.
+  Turns sweep(float limit, bool again) {
+    for (Turns turns = byColour([=, this](std::size_t home) { return sweep(home, limit, again); }); turns.next();) co_yield 0;
+    if (full_) co_return;
+    std::vector<Wanted> heap;  // what reaches beyond nine regions
     for (auto& later : later_) {
-      now_.heap.insert(now_.heap.end(), later.begin(), later.end());
+      heap.insert(heap.end(), later.begin(), later.end());
       later.clear();
     }
-    std::make_heap(now_.heap.begin(), now_.heap.end());
-    if (!insertWorst(now_.limit, 0xffffffffu, again)) return false;
-    watch_.has(mesh_.liveTriangles());
-    now_.colour = 0;
-    now_.limit = 0;
-    return true;
+    for (Turns turns = insertWorst(heap, limit, 0xffffffffu, again); turns.next();) co_yield 0;
+    if (!full_) watch_.has(mesh_.liveTriangles());
   }
-
-  // False: the turn is over; to be called again, for what is left.
-  bool sweep(std::size_t home, bool again) {
+  // In one region; as f of each().
+  bool sweep(std::size_t home, float limit, bool again) {
     thread_local triangulation::WriteSet set;
     thread_local std::vector<RegionId> around;
     thread_local std::vector<Wanted> heap;
     regions_.around(home, around);
     set.allow(around);
     heap.clear();
-    forEachWanted(regions_[home], now_.limit, [&](const Wanted& w) { heap.push_back(w); });
+    forEachWanted(regions_[home], limit, [&](const Wanted& w) { heap.push_back(w); });
     std::make_heap(heap.begin(), heap.end());
     for (std::size_t n = 1; !heap.empty(); ++n) {
       if (n % kInsertions == 0 && pauses()) return false;
@@ -363,7 +314,7 @@ class Meshing::Mesher {
       const Change change = insert(w, set, made);
       if (change == Change::kDeferred) later_[home].push_back(w);
       if (change == Change::kDone && again)
-        glanceAround(made, now_.limit, heap, [&](TriangleId t) { return mesh_.regionOf(t) == regions_[home]; });
+        glanceAround(made, limit, heap, [&](TriangleId t) { return mesh_.regionOf(t) == regions_[home]; });
     }
     return true;
   }
@@ -371,27 +322,30 @@ class Meshing::Mesher {
   void forgetVerdicts() {
     for (RegionId r : regions_) mesh_.trianglePages().forEach(r, [&](TriangleId t) { mesh_.trianglePages().setFresh(t); });
   }
-  // Every fresh triangle, and every open question whose block is refined by now. False: the turn is over.
-  bool judgeAll() {
-    return all(regions_.size(), [&](std::size_t k) {
-      thread_local std::vector<Open> tooCoarse;
-      const auto ask = [&](TriangleId t) {
-        for (const Open& open : tooCoarse) asked_[k].push_back({t, open});
-        tooCoarse.clear();
-      };
-      for (; !answered_[k].empty(); answered_[k].pop_back()) {
-        if (answered_[k].size() % kVerdicts == 0 && pauses()) return false;
-        const auto& [t, open] = answered_[k].back();
-        const Worst found = judge_.verdict(cornersOf(t), open, tooCoarse);
-        if (found.error > worst_[t].error) worst_[t] = found;
-        ask(t);
-      }
-      return forEachFresh(k, [&](TriangleId t) {
-        worst_[t] = judge_.verdict(cornersOf(t), tooCoarse);
-        mesh_.trianglePages().clearFresh(t);
-        ask(t);
-        watch_.checks(1);
-      });
+  // Every fresh triangle, and every open question whose block is refined by now.
+  Turns judgeAll() {
+    for (Turns turns = each(regions_.size(), [this](std::size_t k) { return judge(k); }); turns.next();) co_yield 0;
+  }
+  // In one region; as f of each().
+  bool judge(std::size_t k) {
+    thread_local std::vector<Open> tooCoarse;
+    const auto ask = [&](TriangleId t) {
+      for (const Open& open : tooCoarse) asked_[k].push_back({t, open});
+      tooCoarse.clear();
+    };
+    while (!answered_[k].empty()) {
+      const auto [t, open] = answered_[k].back();
+      answered_[k].pop_back();
+      const Worst found = judge_.verdict(cornersOf(t), open, tooCoarse);
+      if (found.error > worst_[t].error) worst_[t] = found;
+      ask(t);
+      if (answered_[k].size() % kVerdicts == 0 && pauses()) return false;
+    }
+    return forEachFresh(k, [&](TriangleId t) {
+      worst_[t] = judge_.verdict(cornersOf(t), tooCoarse);
+      mesh_.trianglePages().clearFresh(t);
+      ask(t);
+      watch_.checks(1);
     });
   }
   // Whether there were blocks that must be finer.
@@ -428,40 +382,11 @@ class Meshing::Mesher {
             .samples = samples_.count(),
             .triangles = mesh_.liveTriangles()};
   }
-  // False: the turn is over.
-  bool file() {
-    if (!filing_) filing_.emplace(mesh_, plan_.frame, plan_.low, plan_.high, regions_.size());
-    if (now_.next == 0 && !once(regions_.size(), [&](std::size_t k) { return filing_->add(k, regions_[k]), true; })) return false;
-    now_.next = 1;
-    while (!filing_->finish(pool_))
-      if (pauses()) return false;
-    return true;
-  }
-
-  // Where the work goes on after a pause.
-  struct Position {
-    Stage stage = Stage::kSampling;
-    std::size_t sampled = 0;  // tiles
-    std::size_t side = 0, next = 0;
-    std::optional<Division> division;                       // of the side
-    std::vector<Point2> points;                             // of the outline, to be inserted
-    TriangleId hint = 0;                                    // near the last of them
-    std::vector<Wanted> heap;                               // to be inserted one by one
-    std::size_t colour = 0;                                 // of the sweep
-    std::vector<std::uint8_t> did;                          // of what is done at the same time; bytes, for threads write them side by side
-    float limit = 0;                                        // of the sweep, metres; 0: there is none
-    float lowest = std::numeric_limits<float>::infinity();  // of the limits so far
-    std::uint32_t outline = 0;                              // vertices of it
-    float reached = 0;                                      // the worst error before it
-    bool begun = false, full = false;
-  };
-
   const terrain::Terrain& terrain_;
   scheduling::Pool& pool_;
   const Watch watch_;
   Time until_;                        // the turn's end
   std::atomic<bool> wentOn_ = false;  // after it, once
-  Position now_;
   const Plan plan_;
   Samples samples_;
   const Judge judge_;
@@ -472,7 +397,11 @@ class Meshing::Mesher {
   triangulation::WriteSet all_;
   std::unique_ptr<Worst[]> worst_;  // by triangle; valid for those that are not fresh
   std::uint32_t vertices_ = 3;
+  bool full_ = false;
+  float reached_ = 0;  // the worst error before the last insertion, metres
+  std::optional<Problem> problem_;
   std::optional<Filing> filing_;
+  Turns turns_ = run();
 };
 
 Meshing::Meshing(const terrain::Terrain& terrain, const Box& box, std::uint32_t mostTriangles, scheduling::Pool& pool, Watch watch)

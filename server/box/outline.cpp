@@ -23,67 +23,60 @@ Division::Division(const terrain::Terrain& terrain, const Frame& frame, const Si
   samples_.push_back({begin, terrain.heightStep(frame.global(place(begin)))});
 }
 
-bool Division::work(const std::function<bool()>& pauses) {
-  if (samples_.back().at < end_) {
-    if (!sample(pauses)) return false;
-    add(0, samples_.size() - 1);
+Turns Division::work(std::function<bool()> pauses) {
+  while (samples_.back().at < end_) {
+    if (pauses()) co_yield 0;
+    sample();
   }
-  return choose(pauses);
+  std::vector<std::pair<std::size_t, std::size_t>> pieces{{0, samples_.size() - 1}};  // from one sample to another
+  const auto snapped = [this](const Sample& s) { return static_cast<double>(lattice::roundTo(s.height, side_.vertical)); };
+  for (std::size_t looks = 0; !pieces.empty();) {
+    const auto [from, to] = pieces.back();
+    pieces.pop_back();
+    const Sample &a = samples_[from], &b = samples_[to];
+    double worst = limit_;  // the farthest so far from the line between the ends,
+    std::size_t where = 0;  // and which it is; 0: none
+    for (std::size_t k = from + 1; k < to; ++k) {
+      if (++looks % kLooksATime == 0 && pauses()) co_yield 0;
+      const Sample& s = samples_[k];
+      const double t = static_cast<double>(s.at - a.at) / static_cast<double>(b.at - a.at);
+      const double off = std::abs(snapped(a) + t * (snapped(b) - snapped(a)) - s.height);
+      if (off > worst) {
+        worst = off;
+        where = k;
+      }
+    }
+    if (where == 0) continue;
+    points_.push_back(place(samples_[where].at));
+    pieces.push_back({from, where});
+    pieces.push_back({where, to});
+  }
 }
 
 // What rises by more than the error from one sample to the next may be a wall anywhere between: halved until it does not.
-bool Division::sample(const std::function<bool()>& pauses) {
-  while (samples_.back().at < end_) {
-    if (pauses()) return false;
-    wanted_.clear();
-    if (rest_.empty()) {
-      for (std::int32_t at = samples_.back().at; at < end_ && wanted_.size() < kPlacesATime;)
-        wanted_.push_back(at = end_ - at > spacing_ ? at + spacing_ : end_);
-      evaluate();
-      for (std::size_t k = wanted_.size(); k-- > 0;) rest_.push_back({wanted_[k], heights_[k]});
-    } else {
-      const std::size_t gaps = std::min(rest_.size(), kPlacesATime), kept = rest_.size() - gaps;
-      const std::vector<Sample> ends(rest_.begin() + static_cast<std::ptrdiff_t>(kept), rest_.end());  // the nearest last
-      rest_.resize(kept);
-      const auto before = [&](std::size_t k) { return k + 1 < gaps ? ends[k + 1] : samples_.back(); };
-      for (std::size_t k = 0; k < gaps; ++k)
-        if (steep(before(k), ends[k])) wanted_.push_back((before(k).at + ends[k].at) / 2);
-      evaluate();
-      for (std::size_t k = 0, middle = 0; k < gaps; ++k) {
-        rest_.push_back(ends[k]);
-        if (!steep(before(k), ends[k])) continue;
-        rest_.push_back({wanted_[middle], heights_[middle]});
-        ++middle;
-      }
+void Division::sample() {
+  wanted_.clear();
+  if (rest_.empty()) {
+    for (std::int32_t at = samples_.back().at; at < end_ && wanted_.size() < kPlacesATime;)
+      wanted_.push_back(at = end_ - at > spacing_ ? at + spacing_ : end_);
+    evaluate();
+    for (std::size_t k = wanted_.size(); k-- > 0;) rest_.push_back({wanted_[k], heights_[k]});
+  } else {
+    const std::size_t gaps = std::min(rest_.size(), kPlacesATime), kept = rest_.size() - gaps;
+    const std::vector<Sample> ends(rest_.begin() + static_cast<std::ptrdiff_t>(kept), rest_.end());  // the nearest last
+    rest_.resize(kept);
+    const auto before = [&](std::size_t k) { return k + 1 < gaps ? ends[k + 1] : samples_.back(); };
+    for (std::size_t k = 0; k < gaps; ++k)
+      if (steep(before(k), ends[k])) wanted_.push_back((before(k).at + ends[k].at) / 2);
+    evaluate();
+    for (std::size_t k = 0, middle = 0; k < gaps; ++k) {
+      rest_.push_back(ends[k]);
+      if (!steep(before(k), ends[k])) continue;
+      rest_.push_back({wanted_[middle], heights_[middle]});
+      ++middle;
     }
-    for (; !rest_.empty() && !steep(samples_.back(), rest_.back()); rest_.pop_back()) samples_.push_back(rest_.back());
   }
-  return true;
-}
-
-bool Division::choose(const std::function<bool()>& pauses) {
-  const auto snapped = [&](const Sample& s) { return static_cast<double>(lattice::roundTo(s.height, side_.vertical)); };
-  while (!pieces_.empty()) {
-    Piece& piece = pieces_.back();
-    const Sample &a = samples_[piece.from], &b = samples_[piece.to];
-    for (; piece.next < piece.to; ++piece.next) {
-      if (++looks_ % kLooksATime == 0 && pauses()) return false;
-      const Sample& s = samples_[piece.next];
-      const double t = static_cast<double>(s.at - a.at) / static_cast<double>(b.at - a.at);
-      const double off = std::abs(snapped(a) + t * (snapped(b) - snapped(a)) - s.height);
-      if (off > piece.worst) {
-        piece.worst = off;
-        piece.where = piece.next;
-      }
-    }
-    const auto [from, to, next, worst, where] = piece;
-    pieces_.pop_back();
-    if (where == 0) continue;
-    points_.push_back(place(samples_[where].at));
-    add(from, where);
-    add(where, to);
-  }
-  return true;
+  for (; !rest_.empty() && !steep(samples_.back(), rest_.back()); rest_.pop_back()) samples_.push_back(rest_.back());
 }
 
 bool Division::steep(const Sample& a, const Sample& b) const { return b.at - a.at > 1 && std::abs(b.height - a.height) > limit_; }
@@ -100,7 +93,5 @@ void Division::evaluate() {
   heights_.resize(wanted_.size());
   terrain_.heightSteps(x, z, heights_);
 }
-
-void Division::add(std::size_t from, std::size_t to) { pieces_.push_back({from, to, from + 1, limit_, 0}); }
 
 }  // namespace ridgecast::box

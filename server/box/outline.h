@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "common/outcome/turns.h"
 #include "common/terrain/terrain.h"
 #include "server/box/samples.h"
 
@@ -22,26 +23,18 @@ struct Side {
 class Division {
  public:
   Division(const terrain::Terrain& terrain, const Frame& frame, const Side& side);
-  // False: pauses(), called every few thousand heights, returned true; the next call resumes there.
-  bool work(const std::function<bool()>& pauses);
+  // A turn ends where pauses(), called every few thousand heights, returns true.
+  Turns work(std::function<bool()> pauses);
   std::vector<triangulation::Point2> take() { return std::move(points_); }  // once work() is done
 
  private:
   struct Sample {
     std::int32_t at, height;  // units along the side; steps
   };
-  struct Piece {
-    std::size_t from, to;  // samples
-    std::size_t next;      // the first that has not been looked at
-    double worst;          // steps: the farthest so far from the line between its ends,
-    std::size_t where;     // and which it is; 0: none
-  };
-  bool sample(const std::function<bool()>& pauses);
-  bool choose(const std::function<bool()>& pauses);
+  void sample();  // some more
   bool steep(const Sample& a, const Sample& b) const;
   triangulation::Point2 place(std::int32_t at) const;
   void evaluate();  // wanted_, into heights_
-  void add(std::size_t from, std::size_t to);
 
   const terrain::Terrain& terrain_;
   const Frame frame_;
@@ -51,8 +44,6 @@ class Division {
   std::int32_t end_ = 0, spacing_ = 0;
   std::vector<Sample> samples_, rest_;  // in order; those beyond, the nearest last
   std::vector<std::int32_t> wanted_, heights_;
-  std::vector<Piece> pieces_;
-  std::size_t looks_ = 0;
   std::vector<triangulation::Point2> points_;
 };
 

@@ -1,6 +1,6 @@
 #pragma once
-// A computation in turns: a coroutine that yields its cost since the last yield, in posts examined (about 30 ns each). Destroying it
-// between two turns abandons it. An exception in it is thrown by next(), and ends it.
+// A computation in turns: a coroutine that yields its cost since the last yield, in a unit of its caller's. Destroying it between two
+// turns abandons it. An exception in it is thrown by next(), and ends it.
 
 #include <coroutine>
 #include <cstdint>
@@ -8,7 +8,9 @@
 #include <optional>
 #include <utility>
 
-namespace ridgecast::edits {
+#include "common/outcome/contract.h"
+
+namespace ridgecast {
 
 class Turns {
  public:
@@ -16,8 +18,8 @@ class Turns {
     Turns get_return_object() { return Turns(std::coroutine_handle<promise_type>::from_promise(*this)); }
     std::suspend_always initial_suspend() noexcept { return {}; }
     std::suspend_always final_suspend() noexcept { return {}; }
-    std::suspend_always yield_value(std::uint64_t posts) noexcept {
-      cost = posts;
+    std::suspend_always yield_value(std::uint64_t spent) noexcept {
+      cost = spent;
       return {};
     }
     void return_void() {}
@@ -33,6 +35,7 @@ class Turns {
 
   // Another turn: its cost. Nothing: it is done, with no turns left.
   std::optional<std::uint64_t> next() {
+    expects(handle_ && !handle_.done(), "what is done has no turns left");
     handle_.resume();
     if (handle_.promise().failed) std::rethrow_exception(handle_.promise().failed);
     if (handle_.done()) return {};
@@ -44,4 +47,4 @@ class Turns {
   std::coroutine_handle<promise_type> handle_;
 };
 
-}  // namespace ridgecast::edits
+}  // namespace ridgecast
