@@ -25,42 +25,32 @@ namespace {
 // What a task has to say, once it has. The answer is made of it by the work's own thread.
 class Said {
  public:
+  explicit Said(std::function<void()> wake) : wake_(std::move(wake)) {}
   void set(std::function<Answer()> answer) {
-    std::function<void()> wake;
     {
       const std::lock_guard lock(mutex_);
       answer_ = std::move(answer);
-      wake = std::exchange(wake_, nullptr);
     }
-    if (wake) wake();
+    wake_();
   }
   std::function<Answer()> take() {
     const std::lock_guard lock(mutex_);
     return std::exchange(answer_, nullptr);
   }
-  void callWhenSet(std::function<void()> wake) {
-    {
-      const std::lock_guard lock(mutex_);
-      if (!answer_) return void(wake_ = std::move(wake));
-    }
-    wake();
-  }
 
  private:
+  const std::function<void()> wake_;
   std::mutex mutex_;
   std::function<Answer()> answer_;
-  std::function<void()> wake_;
 };
 
 // Asks when the answer has its place, so that whoever is told that there is none has asked for nothing. No thread waits.
-Answer whenSaid(std::function<void(const std::shared_ptr<Said>& said)> ask) {
-  return madeBy({.work = [said = std::make_shared<Said>(), ask = std::move(ask)](const std::stop_token&) mutable {
-    if (const auto first = std::exchange(ask, nullptr)) first(said);
+Reply whenSaid(std::function<void(const std::shared_ptr<Said>& said)> ask) {
+  return DeferredResponse{.work = [said = std::shared_ptr<Said>(), ask = std::move(ask)](const Turn& turn) mutable -> Reply {
+    if (const auto first = std::exchange(ask, nullptr)) first(said = std::make_shared<Said>(turn.wake));
     if (const auto answer = said->take()) return answer();
-    Answer later;
-    later.whenWoken = [said](std::function<void()> wake) { said->callWhenSet(std::move(wake)); };
-    return later;
-  }});
+    return RetryAt{RetryAt::kWhenWoken};
+  }};
 }
 
 Answer invalid(const Error& e) { return refused(422, metrics::Refusal::kRequest, e.message); }
@@ -85,7 +75,7 @@ Answer answerOf(const session::Edits::Answer& number) {
   return invalid(number.error());
 }
 
-Answer make(std::shared_ptr<session::Session> session, edits::Operation operation, std::string key, const std::string& client) {
+Reply make(std::shared_ptr<session::Session> session, edits::Operation operation, std::string key, const std::string& client) {
   auto edit = std::make_shared<session::Edit>(session::Edit{std::move(key), edits::toText({client, {}}), std::move(operation)});
   return whenSaid([session = std::move(session), edit = std::move(edit), client](const std::shared_ptr<Said>& said) {
     session->edit(std::move(*edit), session->budgetsOf(client),
@@ -110,7 +100,7 @@ Answer listed(std::uint64_t last, const std::vector<session::Applied>& edits, st
   return json(out + "\n]}\n");
 }
 
-Answer list(const Request& request, const std::shared_ptr<session::Session>& session) {
+Reply list(const Request& request, const std::shared_ptr<session::Session>& session) {
   std::uint64_t since = 0, limit = kUsuallyListed;
   for (const auto& [name, value] : {std::pair("since", &since), std::pair("limit", &limit)}) {
     const auto given = queryParameter(request.query(), name);
@@ -146,20 +136,21 @@ edits::ToWorld placedIn(const session::Session& session) {
   };
 }
 
-Answer post(const Request& request, std::shared_ptr<session::Session> session) {
+Reply post(const Request& request, std::shared_ptr<session::Session> session) {
   if (bodyTypeOf(request.contentType) != BodyType::kJson)
     return refused(415, metrics::Refusal::kRequest, "An edit's Content-Type is application/json.", {{"Accept", "application/json"}});
   if (request.idempotencyKey.size() > wire::kMaxEditKeyBytes)
     return refused(400, metrics::Refusal::kRequest, "An Idempotency-Key has at most " + std::to_string(wire::kMaxEditKeyBytes) + " bytes.");
-  return madeOfBody({kMaxEditBytes, "An edit has at most " + std::to_string(kMaxEditBytes) + " bytes.",
+  return BodyHandler{kMaxEditBytes, "An edit has at most " + std::to_string(kMaxEditBytes) + " bytes.",
                      [session = std::move(session), key = std::string(request.idempotencyKey),
-                      client = std::string(request.client)](const std::string& body) {
+                      client = std::string(request.client)](const std::string& body) -> Reply {
                        auto operation = edits::fromJson(body, placedIn(*session));
-                       return operation ? make(session, std::move(*operation), key, client) : invalid(operation.error());
-                     }});
+                       if (!operation) return invalid(operation.error());
+                       return make(session, std::move(*operation), key, client);
+                     }};
 }
 
-std::optional<Answer> respond(const Request& request, const session::Directory& directory) {
+std::optional<Reply> respond(const Request& request, const session::Directory& directory) {
   std::string_view path = request.path();
   constexpr std::string_view kPrefix = "/v1/sessions/", kEdits = "edits";
   if (!path.starts_with(kPrefix)) return std::nullopt;

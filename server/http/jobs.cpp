@@ -18,7 +18,7 @@ Jobs::Jobs(const Limits& limits) : limits_(limits), running_(std::max(1u, limits
 
 Jobs::~Jobs() { stop(); }
 
-bool Jobs::post(std::stop_source stop, std::function<Again(std::stop_token)> run, std::string client) {
+bool Jobs::post(std::stop_source stop, std::function<std::optional<RetryAt>(std::stop_token)> run, std::string client) {
   std::vector<Job> dropped;  // destroyed after unlocking
   {
     const std::lock_guard lock(mutex_);
@@ -111,7 +111,7 @@ Jobs::Job Jobs::next(std::unique_lock<std::mutex>& lock) {
       return job;
     }
     const auto next = std::ranges::min_element(waiting_, {}, &Job::notBefore);
-    if (next == waiting_.end() || next->notBefore == kWhenWoken)
+    if (next == waiting_.end() || next->notBefore == RetryAt::kWhenWoken)
       changed_.wait(lock);
     else
       changed_.wait_until(lock, next->notBefore);
@@ -127,20 +127,20 @@ void Jobs::work(std::size_t thread) {
     --idle_;
     lock.unlock();
     const auto begin = Clock::now();
-    Again again;
+    std::optional<RetryAt> retry;
     try {
-      if (!job.stop.stop_requested()) again = job.run(job.stop.get_token());
+      if (!job.stop.stop_requested()) retry = job.run(job.stop.get_token());
     } catch (const std::exception& e) {
       logging::error(std::string("a request's work failed: ") + e.what());
     }
     const std::chrono::duration<double> took = Clock::now() - begin;
-    if (!again) job = {};
+    if (!retry) job = {};
     lock.lock();
     usual_ = usual_ == 0 ? took.count() : 0.7 * usual_ + 0.3 * took.count();
     const bool isWoken = std::exchange(running_[thread], {}).isWoken;
     ++idle_;
-    if (again && !stopped_) {
-      job.notBefore = isWoken ? Clock::time_point() : *again;
+    if (retry && !stopped_) {
+      job.notBefore = isWoken ? Clock::time_point() : retry->time;
       waiting_.push_back(std::move(job));
       changed_.notify_one();
     }

@@ -4,8 +4,8 @@
 // A job checks its std::stop_token every few milliseconds: it is stopped when its client leaves and when the server shuts down. Bounds:
 // `threads` jobs run and `waiting` wait, at most share() of them for one client; beyond that post() refuses. A job that is stopped before
 // it starts never starts. Clients take turns: when a client's job begins, its other jobs move behind all that wait. A job may run in turns,
-// between which waiting jobs run; its next turn is at a given time, or when wake() is called. Any thread may post. An exception ends its
-// job, and is logged.
+// between which waiting jobs run; its next turn is at a given time, or when wake() is called (RetryAt). Any thread may post. An exception
+// ends its job, and is logged.
 
 #include <algorithm>
 #include <chrono>
@@ -23,10 +23,15 @@
 
 namespace ridgecast::http {
 
+// Not now: the next turn is not before this time, unless it is woken before.
+struct RetryAt {
+  static constexpr std::chrono::steady_clock::time_point kWhenWoken = std::chrono::steady_clock::time_point::max();
+  std::chrono::steady_clock::time_point time;
+};
+
 class Jobs {
  public:
   using Clock = std::chrono::steady_clock;
-  using Again = std::optional<Clock::time_point>;
 
   struct Limits {
     unsigned threads = 1;
@@ -41,9 +46,8 @@ class Jobs {
   // `client`: as http::Request::client; empty: no client, so no share applies. False: full, stopped, or the client is at its share. Calls
   // `run` on one of these threads until it returns nothing or `stop` is requested; each time it queues behind waiting jobs and waits for
   // the time that it returned, unless wake() was called after the turn began.
-  bool post(std::stop_source stop, std::function<Again(std::stop_token)> run, std::string client = {});
+  bool post(std::stop_source stop, std::function<std::optional<RetryAt>(std::stop_token)> run, std::string client = {});
   // Makes the job's next turn due now. Does nothing once the job has ended. Any thread.
-  static constexpr Clock::time_point kWhenWoken = Clock::time_point::max();  // of a turn whose time is unknown
   void wake(const std::stop_source& job);
   // The running job no longer counts for its client, which may ask again as soon as it has its answer. Any thread.
   void answered(const std::stop_source& job);
@@ -64,7 +68,7 @@ class Jobs {
  private:
   struct Job {
     std::stop_source stop{std::nostopstate};
-    std::function<Again(std::stop_token)> run;
+    std::function<std::optional<RetryAt>(std::stop_token)> run;
     std::string client;
     Clock::time_point notBefore{};
     bool isWoken = false;

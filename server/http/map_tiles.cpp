@@ -137,7 +137,7 @@ Answer listOf(const std::string& name, bool colours, const Placing& asked, const
   return opened(json(body + "\n}\n"));
 }
 
-std::optional<Answer> answerTile(const Request& request, const session::Directory& directory) {
+std::optional<Reply> answerTile(const Request& request, const session::Directory& directory) {
   const auto wanted = readPath(request.path());
   if (!wanted) return std::nullopt;
   if (request.method == "OPTIONS") return preflight();
@@ -163,21 +163,20 @@ std::optional<Answer> answerTile(const Request& request, const session::Director
     if (!query) return openRefusal(400, query.error().message);
     const std::string folder = std::string(request.isSecure ? "https://" : "http://") + std::string(request.host) +
                                std::string(kTilesPrefix) + wanted->session + (wanted->colours ? "/colours/" : "/heights/");
-    return opened(madeBy({.isTile = true,
-                          .work = [terrain = ground.terrain, map, name = wanted->session, colours = wanted->colours, asked = *asked, folder,
-                                   query = *query](const std::stop_token&) { return listOf(name, colours, asked, map, folder, query); }}));
+    return DeferredResponse{.queue = Queue::kTiles,
+                            .work = [terrain = ground.terrain, map, name = wanted->session, colours = wanted->colours, asked = *asked,
+                                     folder, query = *query](const Turn&) { return listOf(name, colours, asked, map, folder, query); }};
   }
   const std::string etag = etagOf(session->hashOf(ground), *wanted, *asked, map);
-  Answer a = opened(madeBy({.isTile = true, .work = [ground, wanted = *wanted, asked = *asked, map, etag](const std::stop_token& stop) {
-                              Answer made = tileOf(*ground.terrain, wanted, asked, map, stop);
-                              if (made.status != 200) return made;
-                              made = opened(std::move(made));
-                              made.headers.emplace_back(kEditHeader, std::to_string(ground.edit));
-                              made.etag = etag;
-                              return made;
-                            }}));
-  a.etag = etag;
-  return a;
+  const auto work = [ground, wanted = *wanted, asked = *asked, map, etag](const Turn& turn) {
+    Answer made = tileOf(*ground.terrain, wanted, asked, map, turn.stop);
+    if (made.status != 200) return made;
+    made = opened(std::move(made));
+    made.headers.emplace_back(kEditHeader, std::to_string(ground.edit));
+    made.etag = etag;
+    return made;
+  };
+  return DeferredResponse{.queue = Queue::kTiles, .work = work, .unchanged = opened({.etag = etag})};
 }
 
 }  // namespace

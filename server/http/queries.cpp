@@ -48,7 +48,7 @@ class QueryTask {
     body_.emplace(form_, std::move(numbers), option, toWorldOf(crs));
   }
 
-  Answer turn(const std::stop_token& stop) {
+  Reply turn(const std::stop_token& stop) {
     if (wrong_) return refused(400, metrics::Refusal::kRequest, wrong_->message);
     for (const auto until = Clock::now() + kTurn; Clock::now() < until && !stop.stop_requested();) {
       if (!answering_) {
@@ -59,14 +59,14 @@ class QueryTask {
         ask(std::move(**query));
       } else if (!answering_->isDone()) {
         const auto now = session_->resources().timer->now(), free = budgets_->queries.free();
-        if (free > now) return later(free);
+        if (free > now) return RetryAt{free};
         budgets_->queries.spend(now, answering_->work());
       } else {
         if (written_ == 0) made_ = answering_->take();
         if (write()) return whole();
       }
     }
-    return later(Clock::now());
+    return RetryAt{Clock::now()};
   }
 
  private:
@@ -88,12 +88,6 @@ class QueryTask {
       const double ray[] = {(*world)[0], one[2], (*world)[1], one[4] * x - one[3] * z, one[5], one[4] * z + one[3] * x};
       return std::ranges::copy(ray, one.begin()), true;
     };
-  }
-
-  static Answer later(Clock::time_point when) {
-    Answer a;
-    a.again = when;
-    return a;
   }
 
   std::size_t size() const { return form_.kind == QueryKind::kRays ? made_.distances.size() : answering_->query().x.size(); }
@@ -157,8 +151,8 @@ class QueryTask {
   std::size_t written_ = 0;
 };
 
-Answer inTurns(std::shared_ptr<QueryTask> task) {
-  return madeBy({.work = [task = std::move(task)](const std::stop_token& stop) { return task->turn(stop); }});
+Reply inTurns(std::shared_ptr<QueryTask> task) {
+  return DeferredResponse{.work = [task = std::move(task)](const Turn& turn) { return task->turn(turn.stop); }};
 }
 
 // The body of a request, to be read in its session.
@@ -172,10 +166,10 @@ Outcome<Enter> posted(const QueryForm& form, BodyType type, std::string_view que
                         (form.kind == QueryKind::kRays ? " rays" : " places") + " at a time.";
   return Enter([=, &form, option = *option, crs = *crs](std::shared_ptr<session::Session> session) {
     auto task = std::make_shared<QueryTask>(form, std::move(session), client);
-    return madeOfBody({most, tooLong, [=](std::string body) {
+    return BodyHandler{most, tooLong, [=](std::string body) {
                          task->ask(std::move(body), type, option, crs);
                          return inTurns(task);
-                       }});
+                       }};
   });
 }
 
@@ -196,7 +190,7 @@ Outcome<Enter> inUrl(const QueryForm& form, std::string_view query, const std::s
   });
 }
 
-std::optional<Answer> answerQuery(const Request& request, session::Directory& directory) {
+std::optional<Reply> answerQuery(const Request& request, session::Directory& directory) {
   const QueryForm* form = queryFormOf(request.path());
   if (!form) return std::nullopt;
   const bool posts = request.method == "POST";
@@ -208,10 +202,11 @@ std::optional<Answer> answerQuery(const Request& request, session::Directory& di
   const std::string client(request.client);
   const auto enter = posts ? posted(*form, *type, request.query(), client) : inUrl(*form, request.query(), client);
   if (!enter) return refused(400, metrics::Refusal::kRequest, enter.error().message);
-  return inSession(request, directory, [enter = *enter, edit = std::string(request.edit)](std::shared_ptr<session::Session> session) {
-    if (auto lacking = lacksEdit(edit, *session)) return *lacking;
-    return enter(std::move(session));
-  });
+  return inSession(request, directory,
+                   [enter = *enter, edit = std::string(request.edit)](std::shared_ptr<session::Session> session) -> Reply {
+                     if (auto lacking = lacksEdit(edit, *session)) return *lacking;
+                     return enter(std::move(session));
+                   });
 }
 
 }  // namespace

@@ -28,18 +28,6 @@ Answer json(std::string body) {
   return a;
 }
 
-Answer madeBy(DeferredResponse later) {
-  Answer a;
-  a.later = std::make_shared<DeferredResponse>(std::move(later));
-  return a;
-}
-
-Answer madeOfBody(BodyHandler ofBody) {
-  Answer a;
-  a.ofBody = std::make_shared<BodyHandler>(std::move(ofBody));
-  return a;
-}
-
 Answer wrongMethod(const std::string& allowed) {
   return refused(405, metrics::Refusal::kRequest, "Methods allowed here: " + allowed + ".", {{"Allow", allowed}});
 }
@@ -177,9 +165,9 @@ bool namesEtag(std::string_view ifNoneMatch, std::string_view etag) {
   return false;
 }
 
-Answer answer(const Request& request, session::Directory& directory, std::string_view version, const std::vector<Route>& routes) {
+Reply answer(const Request& request, session::Directory& directory, std::string_view version, const std::vector<Route>& routes) {
   for (const Route& route : routes)
-    if (auto a = route(request)) return std::move(*a);
+    if (auto reply = route(request)) return std::move(*reply);
   const std::string_view path = request.path();
   const bool isPage = path == "/" || path == "/about", isStream = path == "/v1/stream";
   if (!isPage && !isStream && path != "/healthz" && path != "/version" && path != "/v1/sessions")

@@ -13,7 +13,6 @@
 // HEAD is answered wherever GET is. Everything else is refused in one sentence.
 
 #include <algorithm>
-#include <chrono>
 #include <cstddef>
 #include <functional>
 #include <memory>
@@ -22,10 +21,12 @@
 #include <string>
 #include <string_view>
 #include <utility>
+#include <variant>
 #include <vector>
 
 #include "common/outcome/outcome.h"
 #include "server/access/rights.h"
+#include "server/http/jobs.h"
 #include "server/metrics/metrics.h"
 #include "server/session/session.h"
 
@@ -51,9 +52,6 @@ struct Request {  // the views live while the request is answered, not in later 
   bool reads() const { return method == "GET" || method == "HEAD"; }
 };
 
-struct DeferredResponse;
-struct BodyHandler;
-
 using Headers = std::vector<std::pair<std::string, std::string>>;
 
 // In requests as Request::edit; in answers about the ground the last edit that they include, 0: none.
@@ -62,18 +60,50 @@ inline constexpr char kEditHeader[] = "Ridgecast-Edit";
 struct Answer {
   unsigned status = 200;
   std::string type = "text/plain; charset=utf-8";
-  std::string body;
-  Headers headers;
-  std::string etag;                               // of a 200, without quotation marks; a client that has it gets 304
-  std::shared_ptr<session::Session> upgradeTo;    // set: answer with the upgrade instead
-  std::optional<metrics::Refusal> refusal;        // why this is a refusal, for the metrics
-  std::string holder;                             // of a good token that is refused all the same, for the log
-  std::shared_ptr<const DeferredResponse> later;  // set: work makes the answer, perhaps an upgrade; of this one only etag counts
-  std::shared_ptr<const BodyHandler> ofBody;      // set: the request's body makes the answer, once it has been read
-  std::optional<std::chrono::steady_clock::time_point> again;  // of work: this was one of its turns; the next is not before then
-  // Of work: this was one of its turns; the next is due when `wake` is called. Called at once; `wake` may be called by any thread, even
-  // before this call returns.
-  std::function<void(std::function<void()> wake)> whenWoken;
+  std::string body{};
+  Headers headers{};
+  std::string etag{};                         // of a 200, without quotation marks; a client that has it gets 304
+  std::optional<metrics::Refusal> refusal{};  // why this is a refusal, for the metrics
+  std::string holder{};                       // of a good token that is refused all the same, for the log
+};
+
+struct Reply;
+
+// 101: the connection becomes a stream of this session.
+struct Upgrade {
+  std::shared_ptr<session::Session> session;
+};
+
+// One turn of work, between which other work of its queue runs.
+struct Turn {
+  std::stop_token stop{};        // requested when the client leaves or the server shuts down: return soon; the result is not read
+  std::function<void()> wake{};  // makes the next turn due now. Any thread, also during this turn or after the work
+};
+
+// Each has its own threads (jobs.h): what takes milliseconds, 3D and map tiles, of which viewers request many at a time, what may take
+// seconds and yields to everything else, and making worlds, which must not wait behind snapshots that take a minute.
+enum class Queue { kPrompt, kTiles, kPatient, kWorlds };
+
+// Work that makes the reply on a thread of its queue.
+struct DeferredResponse {
+  Queue queue = Queue::kPrompt;
+  std::function<Reply(const Turn& turn)> work{};  // RetryAt: takes another turn
+  // Progress in a few words without line breaks. Sent about once a second, as HTTP 102 with a header `Progress`, to clients that request it
+  // by `Prefer: progress`. Any thread, while the work waits or runs.
+  std::function<std::string()> progress{};
+  Answer unchanged{};  // to a client that has its etag, instead of the work
+};
+
+// Makes the reply from the request's body, once that has been read.
+struct BodyHandler {
+  std::size_t maxBytes = 0;  // of more nothing is read
+  std::string tooLong{};     // one sentence
+  std::function<Reply(std::string body)> answer{};
+};
+
+// An answer, or what to do for one; RetryAt only from work.
+struct Reply : std::variant<Answer, Upgrade, DeferredResponse, BodyHandler, RetryAt> {
+  using variant::variant;
 };
 
 // One sentence as text.
@@ -86,33 +116,11 @@ Answer json(std::string body);  // a 200
 // Of a method that a path does not have.
 Answer wrongMethod(const std::string& allowed = "GET, HEAD");
 
-// Work that makes the answer on its own thread (jobs.h). `stop` is requested when the client leaves or the server shuts down: return soon;
-// the result is not read. `patient` work may take seconds and yields to everything else. Making a world also takes seconds, but must not
-// wait behind snapshots that take a minute, so it has its own queue. So have 3D and map tiles, of which viewers request many at a time.
-// Work may run in turns (Answer::again, whenWoken), between which other work of its queue runs.
-struct DeferredResponse {
-  bool patient = false, makesWorld = false, isTile = false;
-  std::function<Answer(std::stop_token stop)> work{};
-  // Progress in a few words without line breaks. Sent about once a second, as HTTP 102 with a header `Progress`, to clients that request it
-  // by `Prefer: progress`. Any thread, while the work waits or runs.
-  std::function<std::string()> progress{};
-};
-
-Answer madeBy(DeferredResponse later);  // an answer whose status and body the work makes
-
-struct BodyHandler {
-  std::size_t most = 0;   // bytes; of more nothing is read
-  std::string tooLong{};  // one sentence
-  std::function<Answer(std::string body)> answer{};
-};
-
-Answer madeOfBody(BodyHandler ofBody);
-
 // Answers what other rooms provide; empty if the path is not its own. Any thread.
-using Route = std::function<std::optional<Answer>(const Request& request)>;
+using Route = std::function<std::optional<Reply>(const Request& request)>;
 
 // `routes` are tried first, in order.
-Answer answer(const Request& request, session::Directory& directory, std::string_view version, const std::vector<Route>& routes = {});
+Reply answer(const Request& request, session::Directory& directory, std::string_view version, const std::vector<Route>& routes = {});
 
 // A refusal, if the session has not made the edit that the answer must include (Request::edit).
 std::optional<Answer> lacksEdit(std::string_view edit, const session::Session& session);

@@ -46,17 +46,18 @@ Answer with(Answer a, const Headers& headers) {
 
 }  // namespace
 
-Answer fileOf(const Maker& maker, std::shared_ptr<session::Session> session, session::Ground ground, snapshot::Question question,
-              bool metadataOnly, const Headers& headers) {
+Reply fileOf(const Maker& maker, std::shared_ptr<session::Session> session, session::Ground ground, snapshot::Question question,
+             bool metadataOnly, const Headers& headers) {
   const std::string etag = Snapshots::etag(*session, ground, question, metadataOnly);
   if (auto known = maker.cache->find(etag)) return with(std::move(*known), headers);
   const auto progress = std::make_shared<snapshot::Progress>();
-  DeferredResponse later{.progress = [progress] { return progress->text(); }};
-  (std::holds_alternative<snapshot::OfTile>(question.of) ? later.isTile : later.patient) = true;
+  DeferredResponse later{.queue = std::holds_alternative<snapshot::OfTile>(question.of) ? Queue::kTiles : Queue::kPatient,
+                         .progress = [progress] { return progress->text(); },
+                         .unchanged = with(opened({.etag = etag}), headers)};
   later.work = [maker, progress, session = std::move(session), ground = std::move(ground), question = std::move(question), metadataOnly,
-                etag, headers](std::stop_token stop) {
+                etag, headers](const Turn& turn) {
     if (auto known = maker.cache->find(etag)) return with(std::move(*known), headers);  // made meanwhile
-    auto made = maker.snapshots->take(*session, ground, question, metadataOnly, stop, progress.get());
+    auto made = maker.snapshots->take(*session, ground, question, metadataOnly, turn.stop, progress.get());
     if (!made) return answerOf(made.error());
     Answer done;
     done.type = metadataOnly ? "application/json" : typeOf(question.format);
@@ -67,15 +68,13 @@ Answer fileOf(const Maker& maker, std::shared_ptr<session::Session> session, ses
     if (!etag.empty()) maker.cache->keep(done);
     return with(std::move(done), headers);
   };
-  Answer a = with(opened(madeBy(std::move(later))), headers);
-  a.etag = etag;
-  return a;
+  return later;
 }
 
 Route sessionFileRoute(
     std::shared_ptr<session::Directory> directory, bool (*isThere)(std::string_view file),
-    std::function<Answer(const Request& request, std::shared_ptr<session::Session> session, std::string_view file)> answer) {
-  return [directory = std::move(directory), isThere, answer = std::move(answer)](const Request& request) -> std::optional<Answer> {
+    std::function<Reply(const Request& request, std::shared_ptr<session::Session> session, std::string_view file)> answer) {
+  return [directory = std::move(directory), isThere, answer = std::move(answer)](const Request& request) -> std::optional<Reply> {
     std::string_view path = request.path();
     if (!path.starts_with(kFilesPrefix)) return std::nullopt;
     path.remove_prefix(kFilesPrefix.size());

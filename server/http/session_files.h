@@ -18,7 +18,7 @@ namespace ridgecast::http {
 // session. `isThere` gets what follows the session's name and a slash.
 Route sessionFileRoute(
     std::shared_ptr<session::Directory> directory, bool (*isThere)(std::string_view file),
-    std::function<Answer(const Request& request, std::shared_ptr<session::Session> session, std::string_view file)> answer);
+    std::function<Reply(const Request& request, std::shared_ptr<session::Session> session, std::string_view file)> answer);
 
 // Makes files, or has made them.
 struct Maker {
@@ -26,7 +26,7 @@ struct Maker {
   std::shared_ptr<AnswerCache> cache;
 };
 // From this ground of the session, even if it is made later. `headers` are added to the file's.
-Answer fileOf(const Maker& maker, std::shared_ptr<session::Session> session, session::Ground ground, snapshot::Question question,
-              bool metadataOnly, const Headers& headers = {});
+Reply fileOf(const Maker& maker, std::shared_ptr<session::Session> session, session::Ground ground, snapshot::Question question,
+             bool metadataOnly, const Headers& headers = {});
 
 }  // namespace ridgecast::http

@@ -139,7 +139,7 @@ Form formFor(const File& file, std::string_view acceptEncoding) {
 }
 
 Route pageRoute(std::shared_ptr<const Site> site) {
-  return [site = std::move(site)](const Request& request) -> std::optional<Answer> {
+  return [site = std::move(site)](const Request& request) -> std::optional<Reply> {
     if (request.upgrade) return {};
     const File* file = site->find(request.path());
     if (!file) return {};

@@ -20,10 +20,10 @@ bool isThere(std::string_view file) {
 Route snapshotRoute(std::shared_ptr<session::Directory> directory, Maker maker) {
   return sessionFileRoute(
       std::move(directory), isThere,
-      [maker = std::move(maker)](const Request& request, std::shared_ptr<session::Session> session, std::string_view file) {
+      [maker = std::move(maker)](const Request& request, std::shared_ptr<session::Session> session, std::string_view file) -> Reply {
         const auto crs = queryParameter(request.query(), "crs");
         auto ask = [maker, session = std::move(session), query = std::string(request.query()), file = std::string(file),
-                    isPlaced = crs && !crs->empty()](const std::stop_token&) {
+                    isPlaced = crs && !crs->empty()](const Turn&) -> Reply {
           auto ground = session->ground();
           const bool isPrivate = isPlaced && !session->resources().limits.sendsTerrain;
           auto question = snapshot::parse(query, maker.snapshots->limits(), isPrivate ? nullptr : ground.terrain->raster(),
@@ -31,7 +31,8 @@ Route snapshotRoute(std::shared_ptr<session::Directory> directory, Maker maker) 
           if (!question) return openRefusal(400, question.error().message);
           return fileOf(maker, session, std::move(ground), std::move(*question), file == kMetadata);
         };
-        return crs && !crs->empty() ? madeBy({.work = std::move(ask)}) : ask({});  // PROJ takes its time
+        if (crs && !crs->empty()) return DeferredResponse{.work = std::move(ask)};  // PROJ takes its time
+        return ask({});
       });
 }
 

@@ -89,8 +89,8 @@ Answer withToken(Answer a, const std::string& token) {
   return a;
 }
 
-Answer tilesetAnswer(const Maker& maker, const session::Ground& ground, const Asked& asked, std::optional<lattice::LeafAddress> square,
-                     const std::string& content, const Headers& headers) {
+Reply tilesetAnswer(const Maker& maker, const session::Ground& ground, const Asked& asked, std::optional<lattice::LeafAddress> square,
+                    const std::string& content, const Headers& headers) {
   const std::string query = handedOn(asked, content);
   std::string key = "tileset " + std::to_string(kVersion) + " " + query;
   if (square)
@@ -110,18 +110,16 @@ Answer tilesetAnswer(const Maker& maker, const session::Ground& ground, const As
     return withToken(std::move(a), token);
   };
   if (auto known = maker.cache->find(etag)) return finished(std::move(*known));
-  Answer a = finished(opened(madeBy({.work = [finished, etag, square, query, where = asked.where, terrain = ground.terrain,
-                                              cache = maker.cache](const std::stop_token&) {
+  const auto work = [=, where = asked.where, terrain = ground.terrain, cache = maker.cache](const Turn&) {
     Answer made = opened(json(square ? tileset::tilesetOf(*terrain, where, *square, query) : tileset::rootTileset(*terrain, where, query)));
     made.etag = etag;
     cache->keep(made);
     return finished(std::move(made));
-  }})));
-  a.etag = etag;
-  return a;
+  };
+  return DeferredResponse{.work = work, .unchanged = finished(opened({.etag = etag}))};
 }
 
-Answer respond(const Maker& maker, const Request& request, std::shared_ptr<session::Session> session, std::string_view file) {
+Reply respond(const Maker& maker, const Request& request, std::shared_ptr<session::Session> session, std::string_view file) {
   auto asked = parse(request.query());
   if (!asked) return openRefusal(400, asked.error().message);
   const bool isRoot = file == kRoot, isTileset = file.ends_with(".json");

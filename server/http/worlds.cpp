@@ -24,13 +24,6 @@ Answer upgradeRequired() {
                {{"Upgrade", "websocket"}, {"Connection", "Upgrade"}, {"Sec-WebSocket-Version", "13"}});
 }
 
-Answer upgrade(std::shared_ptr<session::Session> session) {
-  Answer a;
-  a.status = 101;
-  a.upgradeTo = std::move(session);
-  return a;
-}
-
 constexpr const char* kModes[] = {"real-time", "scaled", "stepped"};  // by wire::ClockMode
 const char* nameOf(wire::ClockMode mode) { return kModes[static_cast<int>(mode)]; }
 
@@ -97,7 +90,7 @@ std::string otherWorld(const std::string& session, const WorldSpec& spec) {
 }
 
 // Joins, if the session has the requested world.
-Answer join(std::shared_ptr<session::Session> session, const Wish& wish, const Enter& enter) {
+Reply join(std::shared_ptr<session::Session> session, const Wish& wish, const Enter& enter) {
   const WorldSpec& spec = session->spec();
   if (wish.clock.value_or(spec.clock) != spec.clock)
     return refused(409, metrics::Refusal::kSession,
@@ -111,17 +104,14 @@ Answer refusedFor(const session::Directory::Full& full) { return refused(full.is
 
 constexpr std::chrono::milliseconds kNameTaken{10};  // before a name is asked for again
 
-// A turn (Answer::again): not made yet, as long as somebody else has the name. The answer to a client that has left is not read: then
-// nothing is made.
-Answer make(const std::string& name, Wish wish, const std::string& client, session::Directory& directory, const Enter& enter, bool makes,
-            const std::stop_token& stop) {
+// A turn: not made yet, as long as somebody else has the name. The answer to a client that has left is not read: then nothing is made.
+Reply make(const std::string& name, Wish wish, const std::string& client, session::Directory& directory, const Enter& enter, bool makes,
+           const std::stop_token& stop) {
   auto reserved = directory.reserve(name);
   if (!reserved) return refused(503, metrics::Refusal::kSession, reserved.error().message, {{"Retry-After", "1"}});
   if (!*reserved) {  // another request was faster
     if (auto session = directory.find(name)) return join(std::move(session), wish, enter);
-    Answer later;
-    later.again = std::chrono::steady_clock::now() + kNameTaken;
-    return later;
+    return RetryAt{std::chrono::steady_clock::now() + kNameTaken};
   }
   if (const edit_log::World* const kept = (*reserved)->kept()) {  // nobody is in it, but its edits are kept
     const WorldSpec spec{kept->terrain, kept->seed, kept->parameters, wire::ClockMode::kRealTime};
@@ -142,7 +132,7 @@ Answer make(const std::string& name, Wish wish, const std::string& client, sessi
 
 }  // namespace
 
-Answer inSession(const Request& request, session::Directory& directory, const Enter& enter, bool makes) {
+Reply inSession(const Request& request, session::Directory& directory, const Enter& enter, bool makes) {
   const auto name = queryParameter(request.query(), "session");
   if (!name) return refused(400, metrics::Refusal::kSession, name.error().message);
   const std::string wanted = name->empty() ? std::string(session::kDefaultName) : *name;
@@ -165,11 +155,11 @@ Answer inSession(const Request& request, session::Directory& directory, const En
   const bool atOnce = !isKept && wish->parameters.empty() &&
                       std::any_of(builtIn.begin(), builtIn.end(), [&](const auto& d) { return d.name == wish->terrain; });
   if (atOnce)
-    if (Answer made = make(wanted, *wish, client, directory, enter, makes, {}); !made.again) return made;
-  return madeBy(
-      {.makesWorld = true,
-       .work = [=, wish = *wish, &directory](std::stop_token stop) { return make(wanted, wish, client, directory, enter, makes, stop); },
-       .progress = [] { return "preparing the terrain"; }});
+    if (Reply made = make(wanted, *wish, client, directory, enter, makes, {}); !std::holds_alternative<RetryAt>(made)) return made;
+  return DeferredResponse{
+      .queue = Queue::kWorlds,
+      .work = [=, wish = *wish, &directory](const Turn& turn) { return make(wanted, wish, client, directory, enter, makes, turn.stop); },
+      .progress = [] { return "preparing the terrain"; }};
 }
 
 Outcome<earth::Coordinates> coordinatesOf(const session::Session& session, std::string_view crs) {
@@ -177,10 +167,11 @@ Outcome<earth::Coordinates> coordinatesOf(const session::Session& session, std::
   return earth::Coordinates::of(session.resources().limits.sendsTerrain ? terrain->raster() : nullptr, crs);
 }
 
-Answer streamAnswer(const Request& request, session::Directory& directory) {
+Reply streamAnswer(const Request& request, session::Directory& directory) {
   const bool upgrading = upgrades(request);
-  const auto enter = [upgrading](std::shared_ptr<session::Session> session) {
-    return upgrading ? upgrade(std::move(session)) : upgradeRequired();
+  const auto enter = [upgrading](std::shared_ptr<session::Session> session) -> Reply {
+    if (upgrading) return Upgrade{std::move(session)};
+    return upgradeRequired();
   };
   return inSession(request, directory, enter, upgrading);
 }
@@ -240,7 +231,7 @@ Answer sessionsAnswer(const session::Directory& directory) {
 }
 
 Route terrainsRoute(std::optional<std::filesystem::path> folder) {
-  const auto answer = [folder = std::move(folder)](std::stop_token) {
+  const auto answer = [folder = std::move(folder)](const Turn&) {
     Json terrains = Json::array();
     const auto entries = folder ? user_terrain::list(*folder) : std::vector<user_terrain::Entry>();
     if (!entries) return refused(503, metrics::Refusal::kRequest, text::withoutFolders(entries.error().message));
@@ -254,10 +245,10 @@ Route terrainsRoute(std::optional<std::filesystem::path> folder) {
     }
     return json(Json{{"terrains", terrains}}.dump(-1, ' ', false, Json::error_handler_t::replace) + "\n");
   };
-  return [answer](const Request& request) -> std::optional<Answer> {
+  return [answer](const Request& request) -> std::optional<Reply> {
     if (request.path() != "/v1/terrains") return {};
     if (!request.reads()) return wrongMethod();
-    return madeBy({.work = answer});
+    return DeferredResponse{.work = answer};
   };
 }
 

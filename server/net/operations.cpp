@@ -12,7 +12,7 @@ namespace ridgecast::net {
 
 namespace {
 
-std::optional<Answer> operations(const std::shared_ptr<ServerContext>& server, const Request& request) {
+std::optional<Reply> operations(const std::shared_ptr<ServerContext>& server, const Request& request) {
   const std::string_view path = request.path();
   if (path != "/readyz" && path != "/metrics") return std::nullopt;
   if (!request.reads()) return http::wrongMethod();
@@ -24,7 +24,7 @@ std::optional<Answer> operations(const std::shared_ptr<ServerContext>& server, c
 }
 
 // DELETE /v1/sessions/NAME and /v1/sessions/NAME/members/ID
-std::optional<Answer> removal(const std::shared_ptr<ServerContext>& server, const Request& request) {
+std::optional<Reply> removal(const std::shared_ptr<ServerContext>& server, const Request& request) {
   constexpr std::string_view prefix = "/v1/sessions/";
   std::string_view rest = request.path();
   if (request.method != "DELETE" || !server || !rest.starts_with(prefix)) return std::nullopt;
@@ -95,10 +95,10 @@ void addOperations(const std::shared_ptr<ServerContext>& shared) {
                    }));
   const std::pair<const char*, double (*)(ServerContext&)> queues[] = {
       {"iterations", [](ServerContext& s) -> double { return s.directory->resources().executor->queued(); }},
-      {"answers", [](ServerContext& s) -> double { return s.prompt.jobs.waiting(); }},
-      {"tiles", [](ServerContext& s) -> double { return s.tiles.jobs.waiting(); }},
-      {"snapshots", [](ServerContext& s) -> double { return s.patient.jobs.waiting(); }},
-      {"worlds", [](ServerContext& s) -> double { return s.worlds.jobs.waiting(); }}};
+      {"answers", [](ServerContext& s) -> double { return s.work(Queue::kPrompt).jobs.waiting(); }},
+      {"tiles", [](ServerContext& s) -> double { return s.work(Queue::kTiles).jobs.waiting(); }},
+      {"snapshots", [](ServerContext& s) -> double { return s.work(Queue::kPatient).jobs.waiting(); }},
+      {"worlds", [](ServerContext& s) -> double { return s.work(Queue::kWorlds).jobs.waiting(); }}};
   for (const auto& [name, depth] : queues)
     registry.compute("ridgecast_queue_depth",
                      "Pieces of work that wait for a thread: cameras' iterations, HTTP answers, tiles, snapshots, worlds to compile.",

@@ -100,7 +100,7 @@ class ListeningServer final : public Server {
     const auto until = std::chrono::steady_clock::now() + shared_->settings.drain;
     drain();
     for (const auto& session : shared_->directory->all()) session->retire();  // so that the next server has their edits at once
-    for (Work* work : {&shared_->prompt, &shared_->tiles, &shared_->patient, &shared_->worlds}) work->jobs.finish(until);
+    for (Work& work : shared_->queues) work.jobs.finish(until);
     {
       std::unique_lock lock(shared_->mutex);
       shared_->fewer.wait_until(lock, until, [this] { return shared_->streams.empty() && shared_->answerBytes == 0; });

@@ -1,6 +1,7 @@
 #pragma once
 // Shared by the connections of one server. Private to the room; light except for Boost.Asio.
 
+#include <array>
 #include <atomic>
 #include <condition_variable>
 #include <cstdint>
@@ -31,11 +32,16 @@ using ridgecast::http::kSubprotocol;
 using ridgecast::http::namesEtag;
 using ridgecast::http::plain;
 using ridgecast::http::queryParameter;
+using ridgecast::http::Queue;
 using ridgecast::http::refused;
+using ridgecast::http::Reply;
 using ridgecast::http::Request;
 using ridgecast::http::RequestFilter;
+using ridgecast::http::RetryAt;
 using ridgecast::http::Route;
 using ridgecast::http::routeOf;
+using ridgecast::http::Turn;
+using ridgecast::http::Upgrade;
 using ridgecast::transport::Channel;
 using ridgecast::transport::loadTls;
 using ridgecast::transport::TlsContext;
@@ -71,10 +77,12 @@ struct ServerContext {
         figures(directory->resources().figures),
         filter(settings),
         connectionsByAddress(settings.maxConnectionsPerAddress),
-        prompt(s.promptJobs, figures->work("answers")),
-        tiles(s.tileJobs, figures->work("tiles")),
-        patient(s.patientJobs, figures->work("snapshots")),
-        worlds(s.worldJobs, figures->work("worlds")) {}
+        queues{{{s.promptJobs, figures->work("answers")},
+                {s.tileJobs, figures->work("tiles")},
+                {s.patientJobs, figures->work("snapshots")},
+                {s.worldJobs, figures->work("worlds")}}} {}
+  Work& work(Queue queue) { return queues[static_cast<std::size_t>(queue)]; }
+
   const Settings settings;
   const std::shared_ptr<session::Directory> directory;
   std::vector<Route> routes;  // constant once connections are accepted
@@ -87,7 +95,7 @@ struct ServerContext {
   std::atomic<std::uint32_t> connections{0};
   std::atomic<std::uint32_t> admins{0};     // connections of the admin port
   std::atomic<std::size_t> answerBytes{0};  // of computed bodies, until they are sent
-  Work prompt, tiles, patient, worlds;
+  std::array<Work, 4> queues;               // by http::Queue
   const std::shared_ptr<RequestBodyBudget> bodies = std::make_shared<RequestBodyBudget>();
   std::atomic<bool> reloaded{true};          // the last reload succeeded
   std::atomic<double> certificateExpiry{0};  // seconds since 1970; 0: no TLS

@@ -57,10 +57,10 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   request.contentType = lines[7];
   const auto judged = server.filter.judge(request);
   if (const auto* refused = std::get_if<http::Answer>(&judged)) require(refused->status >= 400 && !refused->body.empty());
-  http::Answer answer = http::answer(request, *server.directory, "1", server.routes);
-  if (answer.ofBody) answer = http::Answer(answer.ofBody->answer(std::string(rest)));
-  if (answer.later) answer.later->work({});
-  if (!answer.later && answer.status >= 400) require(!answer.body.empty());
+  http::Reply reply = http::answer(request, *server.directory, "1", server.routes);
+  if (const auto* body = std::get_if<http::BodyHandler>(&reply)) reply = http::Reply(body->answer(std::string(rest)));
+  if (const auto* later = std::get_if<http::DeferredResponse>(&reply)) later->work({});
+  if (const auto* answer = std::get_if<http::Answer>(&reply); answer && answer->status >= 400) require(!answer->body.empty());
   if (const auto url = core::parseUrl(lines[1]); !url) require(!url.error().message.empty());
   for (const auto format : {snapshot::Format::kGlb, snapshot::Format::kTiff, snapshot::Format::kTiles, snapshot::Format::kArchive}) {
     const auto question = snapshot::parse(request.query(), {}, nullptr, format);

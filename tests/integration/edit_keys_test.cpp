@@ -26,14 +26,13 @@ const std::string kDear = R"({"op":"level","polygon":[[-325,-325],[325,-325],[32
 class EditKeysTest : public AccessTest {
  protected:
   std::vector<http::Route> routes() override {
-    const auto holdsAPlace = [this](const http::Request& request) -> std::optional<http::Answer> {
+    const auto holdsAPlace = [this](const http::Request& request) -> std::optional<http::Reply> {
       if (request.path() != "/v1/held") return {};
-      return http::madeBy({.work = [this](const std::stop_token&) {
+      return http::DeferredResponse{.work = [this](const http::Turn&) -> http::Reply {
         isHeld = true;
-        http::Answer again = http::plain(200, "let go");
-        if (holds) again.again = std::chrono::steady_clock::now() + 1ms;
-        return again;
-      }});
+        if (holds) return http::RetryAt{std::chrono::steady_clock::now() + 1ms};
+        return http::plain(200, "let go");
+      }};
     };
     return {http::editsRoute(directory), holdsAPlace};
   }

@@ -230,13 +230,14 @@ void Member::askMap() {
   request.method = "GET";
   request.target = target;
   request.edit = edit;
-  const auto answer = http::mapTileRoute(server_.directory())(request);
-  ASSERT_TRUE(answer && answer->later) << name_ << " asks for a tile: " << (answer ? answer->body : target);
+  const auto reply = http::mapTileRoute(server_.directory())(request);
+  const auto* later = reply ? std::get_if<http::DeferredResponse>(&*reply) : nullptr;
+  ASSERT_TRUE(later) << name_ << " asks for a tile: " << (reply ? std::get<http::Answer>(*reply).body : target);
   // Made sometime later, of the ground of then.
   timer_.at(timer_.now() + std::chrono::milliseconds(random_() % 2000),
-            [this, tile, later = answer->later, server = std::weak_ptr(server_.directory())] {
+            [this, tile, later = *later, server = std::weak_ptr(server_.directory())] {
               if (server.expired()) return;
-              const http::Answer made = later->work({});
+              const auto made = std::get<http::Answer>(later.work({}));
               ASSERT_EQ(made.status, 200u) << made.body;
               const auto known = std::ranges::find(made.headers, http::kEditHeader, [](const auto& header) { return header.first; });
               ASSERT_NE(known, made.headers.end());

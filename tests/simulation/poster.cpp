@@ -34,37 +34,40 @@ void Poster::send(const std::shared_ptr<Request>& request) {
   asked.contentType = "application/json";
   asked.idempotencyKey = request->asked.key;
   asked.client = client_;
-  const auto answer = http::editsRoute(server_.directory())(asked);
-  ASSERT_TRUE(answer);
-  if (!answer->ofBody) {  // the session does not live, or has not lived since the server fell
+  const auto reply = http::editsRoute(server_.directory())(asked);
+  ASSERT_TRUE(reply);
+  if (const auto* answer = std::get_if<http::Answer>(&*reply)) {  // the session does not live, or has not lived since the server fell
     EXPECT_TRUE(answer->status == 404 || answer->status == 503) << answer->body;
     return;
   }
-  const http::Answer made = answer->ofBody->answer(edits::toJson(request->asked.operation));
-  ASSERT_TRUE(made.later) << made.body;
+  http::Reply made = std::get<http::BodyHandler>(*reply).answer(edits::toJson(request->asked.operation));
+  auto* later = std::get_if<http::DeferredResponse>(&made);
+  ASSERT_TRUE(later) << std::get<http::Answer>(made).body;
   ++request->sent;
-  request->work = made.later;
+  request->work = std::make_shared<http::DeferredResponse>(std::move(*later));
   request->since = timer_.now();
   server_.openEdits(session_).open(nameOf(*request));
   turn(request);
 }
 
 void Poster::turn(const std::shared_ptr<Request>& request) {
-  const http::Answer answer = request->work->work({});
   const auto isSaid = [this, weak = std::weak_ptr(request), sent = request->sent] {
     auto one = weak.lock();
     if (!one || !one->work || one->sent != sent) return std::shared_ptr<Request>();  // the server fell
     server_.openEdits(session_).close(nameOf(*one));
     return one;
   };
-  if (!answer.whenWoken) return take(answer, isSaid());
-  answer.whenWoken([this, isSaid] {
-    if (const auto one = isSaid())
-      timer_.at(timer_.now(), [this, weak = std::weak_ptr(one), sent = one->sent] {
-        const auto it = weak.lock();
-        if (it && it->work && it->sent == sent) take(it->work->work({}), it);
-      });
-  });
+  const auto waits = std::make_shared<bool>(false);  // the first turn was not enough
+  const http::Reply reply = request->work->work({{}, [this, isSaid, waits] {
+                                                   if (const auto one = *waits ? isSaid() : nullptr)
+                                                     timer_.at(timer_.now(), [this, weak = std::weak_ptr(one), sent = one->sent] {
+                                                       const auto it = weak.lock();
+                                                       if (it && it->work && it->sent == sent)
+                                                         take(std::get<http::Answer>(it->work->work({})), it);
+                                                     });
+                                                 }});
+  if (const auto* answer = std::get_if<http::Answer>(&reply)) return take(*answer, isSaid());
+  *waits = true;
 }
 
 void Poster::take(const http::Answer& answer, const std::shared_ptr<Request>& request) {

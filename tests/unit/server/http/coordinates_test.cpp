@@ -4,7 +4,6 @@
 #include <gtest/gtest.h>
 
 #include <cstring>
-#include <future>
 #include <nlohmann/json.hpp>
 #include <random>
 
@@ -12,6 +11,7 @@
 #include "server/http/edits.h"
 #include "server/http/queries.h"
 #include "server/http/snapshots.h"
+#include "tests/support/replies.h"
 
 namespace ridgecast::http {
 namespace {
@@ -58,20 +58,10 @@ class OnEarth : public testing::Test {
     request.method = body.empty() ? "GET" : "POST";
     request.target = target;
     request.contentType = type;
-    std::optional<Answer> answer;
+    std::optional<Reply> reply;
     for (const Route& route : routes_)
-      if (!answer) answer = route(request);
-    if (answer->ofBody) answer = answer->ofBody->answer(std::move(body));
-    while (answer->later || answer->again || answer->whenWoken) {
-      if (answer->later) later_ = answer->later;
-      if (answer->whenWoken) {
-        std::promise<void> woken;
-        answer->whenWoken([&] { woken.set_value(); });
-        woken.get_future().wait();
-      }
-      answer = later_->work({});
-    }
-    return *answer;
+      if (!reply) reply = route(request);
+    return testing_support::Replied(*reply).made({}, std::move(body));
   }
   static std::vector<float> heightsOf(const Answer& answer) {
     EXPECT_EQ(answer.status, 200u) << answer.body;
@@ -83,7 +73,6 @@ class OnEarth : public testing::Test {
   }
   scheduling::Executor executor_{1};
   std::vector<Route> routes_;
-  std::shared_ptr<const DeferredResponse> later_;
 };
 
 std::string spelt(std::initializer_list<double> numbers) {

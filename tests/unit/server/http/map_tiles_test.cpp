@@ -14,11 +14,13 @@
 #include "server/http/queries.h"
 #include "server/http/request_filter.h"
 #include "tests/support/edit.h"
+#include "tests/support/replies.h"
 
 namespace ridgecast::http {
 namespace {
 
 using testing::HasSubstr;
+using testing_support::Replied;
 
 class MapTilesTest : public testing::Test {
  protected:
@@ -30,13 +32,13 @@ class MapTilesTest : public testing::Test {
     tiles = mapTileRoute(directory);
     queries = queryRoute(directory);
   }
-  static std::optional<Answer> ask(const Route& route, std::string_view target, std::string_view method = "GET") {
+  static std::optional<Replied> ask(const Route& route, std::string_view target, std::string_view method = "GET") {
     Request request;
     request.method = method;
     request.target = target;
     return route(request);
   }
-  std::optional<Answer> ask(std::string_view target, std::string_view method = "GET") const { return ask(tiles, target, method); }
+  std::optional<Replied> ask(std::string_view target, std::string_view method = "GET") const { return ask(tiles, target, method); }
   scheduling::Executor executor{1};
   std::shared_ptr<session::Directory> directory;
   Route tiles, queries;
@@ -57,7 +59,7 @@ TEST_F(MapTilesTest, HeightsAreThoseOfTheQueriesWithinHalfAUnit) {
     const auto answer = ask("/v1/sessions/default/heights/" + std::to_string(level) + "/" + std::to_string(x) + "/" + std::to_string(y) +
                             ".png?at=11.5,47.25");
     ASSERT_TRUE(answer && answer->later);
-    const Answer made = answer->later->work({});
+    const Answer made = answer->made();
     ASSERT_EQ(made.status, 200u);
     EXPECT_EQ(made.type, "image/png");
     png_image image{};
@@ -74,10 +76,7 @@ TEST_F(MapTilesTest, HeightsAreThoseOfTheQueriesWithinHalfAUnit) {
       std::ostringstream query;
       query.precision(17);
       query << "/v1/heights?at=" << (longitude - kLongitude) * kRadians * scale << "," << -(north - mercator(kLatitude)) * scale;
-      const auto asked = ask(queries, query.str())->later;
-      Answer told = asked->work({});
-      while (told.again) told = asked->work({});
-      const std::string& said = told.body;
+      const std::string said = ask(queries, query.str())->made().body;
       const double height = std::stof(said.substr(said.find('[') + 1));  // nine digits are one float
       const std::uint8_t* pixel = &rgb[3 * (256 * row + column)];
       EXPECT_LE(std::abs(pixel[0] * 256.0 + pixel[1] + pixel[2] / 256.0 - 32'768 - height), 0.5 / 256) << query.str() << " at " << level;
@@ -106,7 +105,7 @@ TEST_F(MapTilesTest, AMapThatSaysWhereItLiesLiesThere) {
   resources->makeMesh = session::pipelineMeshes();
   const Route route = mapTileRoute(std::make_shared<session::Directory>(resources, std::make_shared<Map>()));
   const std::string here = "/v1/sessions/default/heights/14/8782/5746.png", beside = "/v1/sessions/default/heights/14/8700/5741.png";
-  const auto statusOf = [&](const std::string& target) { return ask(route, target)->later->work({}).status; };
+  const auto statusOf = [&](const std::string& target) { return ask(route, target)->made().status; };
   EXPECT_EQ(statusOf(here), 200u);
   EXPECT_EQ(statusOf(here + "?beyond=empty"), 200u);
   EXPECT_EQ(statusOf(beside), 200u);
@@ -118,7 +117,7 @@ TEST_F(MapTilesTest, AMapThatSaysWhereItLiesLiesThere) {
   list.method = "GET";
   list.target = "/v1/sessions/default/heights/tiles.json";
   list.host = "localhost";
-  EXPECT_THAT(route(list)->later->work({}).body, testing::AllOf(HasSubstr("/heights/{z}/{x}/{y}.png\"]"), HasSubstr("\"maxzoom\": 14,"),
+  EXPECT_THAT(Replied(*route(list)).made().body, testing::AllOf(HasSubstr("/heights/{z}/{x}/{y}.png\"]"), HasSubstr("\"maxzoom\": 14,"),
                                                                 HasSubstr("\"bounds\": [12.9"), HasSubstr(", 12.97828718, ")));
   EXPECT_NE(ask(route, here)->etag, ask(route, here + "?at=12.9,47.2")->etag);
   EXPECT_THAT(ask("/v1/sessions/default/heights/14/8782/5741.png")->body, HasSubstr("Say at=LON,LAT"));
@@ -130,8 +129,7 @@ TEST_F(MapTilesTest, AreListedWithTheirBounds) {
   request.host = "maps.example.org:7070";
   const auto asked = [&](const char* target, const Route& route) {
     request.target = target;
-    const auto answer = route(request);
-    return answer && answer->later ? answer->later->work({}) : *answer;
+    return Replied(*route(request)).made();
   };
   const Answer own = asked("/v1/sessions/default/heights/tiles.json?at=11.5,47.25&v=3", tiles);
   EXPECT_EQ(own.status, 200u);
@@ -161,20 +159,20 @@ TEST_F(MapTilesTest, AreListedWithTheirBounds) {
 }
 
 TEST_F(MapTilesTest, TakeNoThreadThatShortAnswersNeed) {
-  for (const char* const target : {kTile, kColours}) EXPECT_TRUE(ask(target)->later->isTile);
+  for (const char* const target : {kTile, kColours}) EXPECT_TRUE(ask(target)->later->queue == Queue::kTiles);
 }
 
 TEST_F(MapTilesTest, AnswersMayBeKeptAndReadByAnyPage) {
   const auto a = ask(kTile), colours = ask(kColours);
   ASSERT_TRUE(a && a->later && colours && colours->later);
-  EXPECT_FALSE(a->later->patient) << "a query, not a snapshot";
+  EXPECT_FALSE(a->later->queue == Queue::kPatient) << "a query, not a snapshot";
   EXPECT_EQ(a->etag.size(), 32u);
   EXPECT_EQ(a->etag, ask(kTile, "HEAD")->etag);
   for (const char* other : {kColours, "/v1/sessions/default/heights/14/8715/5741.png?at=11.5,47.26",
                             "/v1/sessions/default/heights/14/8715/5742.png?at=11.5,47.25"})
     EXPECT_NE(a->etag, ask(other)->etag) << other;
   EXPECT_EQ(directory->find("default")->uses(), 6u);
-  const Answer made = a->later->work({}), picture = colours->later->work({});
+  const Answer made = a->made(), picture = colours->made();
   EXPECT_EQ(made.etag, a->etag);
   EXPECT_THAT(made.headers, testing::Contains(std::pair<std::string, std::string>("Access-Control-Allow-Origin", "*")));
   EXPECT_EQ(picture.type, "image/jpeg");
@@ -182,28 +180,28 @@ TEST_F(MapTilesTest, AnswersMayBeKeptAndReadByAnyPage) {
   EXPECT_EQ(ask(kTile, "OPTIONS")->status, 204u);
   std::stop_source stopped;
   stopped.request_stop();
-  for (const auto& one : {a, colours}) EXPECT_EQ(one->later->work(stopped.get_token()).status, 503u);
+  for (const auto& one : {a, colours}) EXPECT_EQ(one->made(stopped.get_token()).status, 503u);
 }
 
 // Work waits in a queue; the ground may change meanwhile.
 TEST_F(MapTilesTest, AreOfTheGroundThatTheirETagNames) {
   constexpr char kHere[] = "/v1/sessions/default/heights/20/524288/524287.png?at=0,0";
   const auto session = directory->find("default");
-  const std::string unedited = ask(kHere)->later->work({}).body;
+  const std::string unedited = ask(kHere)->made().body;
   const auto before = ask(kHere);
   testing_support::makeCrater(*session, 10, -10, 8, 4);
-  const Answer made = before->later->work({});
+  const Answer made = before->made();
   EXPECT_TRUE(made.body == unedited);
   EXPECT_EQ(made.etag, before->etag);
   EXPECT_THAT(made.headers, testing::Contains(std::pair<std::string, std::string>("Ridgecast-Edit", "0")));
   EXPECT_NE(ask(kHere)->etag, before->etag);
-  EXPECT_TRUE(ask(kHere)->later->work({}).body != unedited);
+  EXPECT_TRUE(ask(kHere)->made().body != unedited);
   // Also in the midst of an edit: of all answers with one ETag, the first and the last are of one ground.
   std::jthread editor([&](const std::stop_token& stop) {
     while (!stop.stop_requested()) testing_support::makeCrater(*session, 10, -10, 1, 0.5);
   });
-  const auto editOf = [](const Answer& answer) {
-    const Answer tile = answer.later->work({});
+  const auto editOf = [](const Replied& answer) {
+    const Answer tile = answer.made();
     const auto edit = std::ranges::find(tile.headers, "Ridgecast-Edit", [](const auto& header) { return header.first; });
     return edit == tile.headers.end() ? "none" : edit->second;
   };

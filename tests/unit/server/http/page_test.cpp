@@ -98,7 +98,7 @@ class SiteRoutesTest : public SiteTest {
     request.target = target;
     request.host = "example.org";
     request.acceptEncoding = encodings;
-    return answer(request, *directory, "9.9", routes);
+    return std::get<Answer>(answer(request, *directory, "9.9", routes));
   }
   static std::string header(const Answer& a, std::string_view name) {
     for (const auto& [n, v] : a.headers)

@@ -1,5 +1,6 @@
 #include "server/http/routes.h"
 #include "server/http/worlds.h"
+#include "tests/support/replies.h"
 #include "tests/support/waiting.h"
 
 #include <gmock/gmock.h>
@@ -14,6 +15,7 @@ namespace {
 using testing::AllOf;
 using testing::HasSubstr;
 using testing::Not;
+using testing_support::Replied;
 
 class RoutesTest : public testing::Test {
  protected:
@@ -23,14 +25,14 @@ class RoutesTest : public testing::Test {
     resources->makeMesh = session::pipelineMeshes();
     directory = std::make_unique<session::Directory>(resources, terrain::create("alpine", 3).value());
   }
-  Answer get(std::string_view target) {
+  Replied get(std::string_view target) {
     Request request;
     request.method = "GET";
     request.target = target;
     request.host = "example.org:7070";
     return answer(request, *directory, "9.9");
   }
-  Answer connect(std::string_view target, std::string_view version = "13") {
+  Replied connect(std::string_view target, std::string_view version = "13") {
     Request request;
     request.method = "GET";
     request.target = target;
@@ -61,10 +63,10 @@ TEST_F(RoutesTest, RefusesTheRestInPlainWords) {
   Request post;
   post.method = "POST";
   post.target = "/healthz";
-  EXPECT_EQ(answer(post, *directory, "").status, 405u);
+  EXPECT_EQ(Replied(answer(post, *directory, "")).status, 405u);
   post.target = "/v1/stream";
   post.method = "HEAD";
-  EXPECT_EQ(answer(post, *directory, "").status, 405u);
+  EXPECT_EQ(Replied(answer(post, *directory, "")).status, 405u);
 }
 
 TEST_F(RoutesTest, AForeignHostHeaderNeverReachesThePage) {
@@ -72,7 +74,7 @@ TEST_F(RoutesTest, AForeignHostHeaderNeverReachesThePage) {
   request.method = "GET";
   request.target = "/";
   request.host = "<script>alert(1)</script>";
-  EXPECT_THAT(answer(request, *directory, "").body, Not(HasSubstr("alert")));
+  EXPECT_THAT(Replied(answer(request, *directory, "")).body, Not(HasSubstr("alert")));
 }
 
 TEST_F(RoutesTest, StreamsAreChosenByTheSessionsName) {
@@ -133,21 +135,20 @@ class WorldsTest : public testing::Test {
       };
     directory = std::make_shared<session::Directory>(resources, terrain::create("alpine", 3).value());
   }
-  Answer connect(std::string_view target, std::string_view client = "address 192.0.2.1", bool upgrade = true) {
+  Replied connect(std::string_view target, std::string_view client = "address 192.0.2.1", bool upgrade = true) {
     Request request;
     request.method = "GET";
     request.target = target;
     request.client = client;
     request.upgrade = upgrade;
     request.webSocketVersion = upgrade ? "13" : "";
-    Answer a = answer(request, *directory, "9.9");
-    return a.later ? a.later->work({}) : a;
+    return Replied(answer(request, *directory, "9.9")).made();
   }
   std::string list() {
     Request request;
     request.method = "GET";
     request.target = "/v1/sessions";
-    return answer(request, *directory, "9.9").body;
+    return Replied(answer(request, *directory, "9.9")).body;
   }
   scheduling::Executor executor{1};
   std::shared_ptr<session::Directory> directory;
@@ -167,8 +168,7 @@ TEST_F(WorldsTest, ListsTheTerrainsWithTheirParameters) {
   request.method = "GET";
   request.target = "/v1/terrains";
   const auto listed = [&](std::optional<std::filesystem::path> folder) {
-    const Answer a = answer(request, *directory, "9.9", {terrainsRoute(std::move(folder))});
-    return a.later ? a.later->work({}) : a;
+    return Replied(answer(request, *directory, "9.9", {terrainsRoute(std::move(folder))})).made();
   };
   const Answer all = listed("");
   EXPECT_EQ(all.status, 200u);
@@ -181,7 +181,7 @@ TEST_F(WorldsTest, ListsTheTerrainsWithTheirParameters) {
 }
 
 TEST_F(WorldsTest, AUrlMakesAWorldOrJoinsIt) {
-  const Answer made = connect("/v1/stream?session=hills&terrain=canyon&seed=7");
+  const Replied made = connect("/v1/stream?session=hills&terrain=canyon&seed=7");
   ASSERT_EQ(made.status, 101u);
   EXPECT_EQ(made.upgradeTo->terrain()->name(), "canyon");
   EXPECT_EQ(made.upgradeTo->terrain()->seed(), 7u);
@@ -200,7 +200,7 @@ TEST_F(WorldsTest, AUrlMakesAWorldOrJoinsIt) {
 }
 
 TEST_F(WorldsTest, AUrlSaysHowTheClockBegins) {
-  const Answer made = connect("/v1/stream?session=lab&terrain=canyon&clock=stepped");
+  const Replied made = connect("/v1/stream?session=lab&terrain=canyon&clock=stepped");
   ASSERT_EQ(made.status, 101u);
   const wire::Clock clock = made.upgradeTo->presence().state().clock;
   EXPECT_EQ(clock.mode, wire::ClockMode::kStepped);

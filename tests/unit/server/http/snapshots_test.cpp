@@ -6,11 +6,13 @@
 #include "server/http/queries.h"
 #include "server/http/request_filter.h"
 #include "tests/support/edit.h"
+#include "tests/support/replies.h"
 
 namespace ridgecast::http {
 namespace {
 
 using testing::HasSubstr;
+using testing_support::Replied;
 
 class SnapshotRouteTest : public testing::Test {
  protected:
@@ -20,7 +22,7 @@ class SnapshotRouteTest : public testing::Test {
     directory = std::make_shared<session::Directory>(resources, terrain::create("alpine", 3).value());
     route = snapshotRoute(directory, maker);
   }
-  std::optional<Answer> ask(std::string_view target, std::string_view method = "GET") {
+  std::optional<Replied> ask(std::string_view target, std::string_view method = "GET") {
     Request request;
     request.method = method;
     request.target = target;
@@ -62,10 +64,10 @@ TEST_F(SnapshotRouteTest, SnapshotsAndQueriesCountAsUse) {
 TEST_F(SnapshotRouteTest, AGoodQuestionIsWorkWithAnETag) {
   const auto a = ask(kBox);
   ASSERT_TRUE(a && a->later);
-  EXPECT_TRUE(a->later->patient);
+  EXPECT_TRUE(a->later->queue == Queue::kPatient);
   EXPECT_EQ(a->etag.size(), 32u);
   EXPECT_TRUE(ask(kBox, "HEAD")->later);
-  const Answer made = a->later->work({});
+  const Answer made = a->made();
   EXPECT_EQ(made.status, 200u);
   EXPECT_EQ(made.type, "model/gltf-binary");
   EXPECT_EQ(made.etag, a->etag);
@@ -91,7 +93,7 @@ TEST_F(SnapshotRouteTest, AreOfTheGroundThatTheirETagNames) {
     const auto after = ask(target);
     ASSERT_TRUE(before->later && after->later);
     EXPECT_NE(before->etag, after->etag) << file;
-    const Answer unedited = before->later->work({}), edited = after->later->work({});
+    const Answer unedited = before->made(), edited = after->made();
     EXPECT_EQ(unedited.etag, before->etag);
     EXPECT_EQ(edited.etag, after->etag);
     makeAnew();
@@ -99,7 +101,7 @@ TEST_F(SnapshotRouteTest, AreOfTheGroundThatTheirETagNames) {
     EXPECT_TRUE(ask(target)->body == unedited.body) << "kept";
     maker.cache = std::make_shared<AnswerCache>(4 << 20);
     makeAnew();
-    EXPECT_TRUE(ask(target)->later->work({}).body == unedited.body) << file;
+    EXPECT_TRUE(ask(target)->made().body == unedited.body) << file;
     EXPECT_TRUE(edited.body != unedited.body) << file;
   }
 }
@@ -112,8 +114,8 @@ TEST_F(SnapshotRouteTest, RefusesTheRestInPlainWords) {
   EXPECT_EQ(ask(kBox, "POST")->status, 405u);
   EXPECT_EQ(ask(kBox, "OPTIONS")->status, 204u);
   EXPECT_THAT(header(*ask(kBox, "OPTIONS"), "Access-Control-Allow-Headers"), HasSubstr("Authorization"));
-  EXPECT_EQ(ask("/v1/sessions/default/snapshot.glb?camera=7")->later->work({}).status, 404u);
-  EXPECT_EQ(ask("/v1/sessions/default/snapshot.json?x0=0&z0=0&x1=9000&z1=9000&error=0.02")->later->work({}).status, 422u);
+  EXPECT_EQ(ask("/v1/sessions/default/snapshot.glb?camera=7")->made().status, 404u);
+  EXPECT_EQ(ask("/v1/sessions/default/snapshot.json?x0=0&z0=0&x1=9000&z1=9000&error=0.02")->made().status, 422u);
 }
 
 TEST_F(SnapshotRouteTest, TakesTheRightToSnapshots) {

@@ -8,11 +8,13 @@
 #include "server/http/request_filter.h"
 #include "server/http/snapshots.h"
 #include "tests/support/edit.h"
+#include "tests/support/replies.h"
 
 namespace ridgecast::http {
 namespace {
 
 using testing::HasSubstr;
+using testing_support::Replied;
 using Json = nlohmann::json;
 
 class TilesetRouteTest : public testing::Test {
@@ -27,14 +29,14 @@ class TilesetRouteTest : public testing::Test {
     directory = std::make_shared<session::Directory>(resources, terrain::create("alpine", 3).value());
     route = tilesetRoute(directory, maker);
   }
-  std::optional<Answer> ask(const std::string& file, std::string_view method = "GET") {
+  std::optional<Replied> ask(const std::string& file, std::string_view method = "GET") {
     const std::string target = "/v1/sessions/default/3dtiles/" + file;
     Request request;
     request.method = method;
     request.target = target;
     return route(request);
   }
-  static Answer made(const std::optional<Answer>& a) { return a->later ? a->later->work({}) : *a; }
+  static Answer made(const std::optional<Replied>& a) { return a->made(); }
   static std::string header(const Answer& a, std::string_view name) {
     for (const auto& [key, value] : a.headers)
       if (key == name) return value;
@@ -50,7 +52,7 @@ class TilesetRouteTest : public testing::Test {
 TEST_F(TilesetRouteTest, TheRootNamesFilesThatThereAre) {
   const auto a = ask("tileset.json?at=11.5,47.25,600&reach=5000&compression=draco&token=a.b-c_d");
   ASSERT_TRUE(a && a->later);
-  EXPECT_FALSE(a->later->patient);
+  EXPECT_FALSE(a->later->queue == Queue::kPatient);
   const Answer root = made(a);
   EXPECT_EQ(root.type, "application/json");
   EXPECT_EQ(root.etag, a->etag);
@@ -76,7 +78,7 @@ TEST_F(TilesetRouteTest, WhatWasMadeIsAnsweredAtOnce) {
   for (const char* file : {"tileset.json", "4/0/-1.json", "2/-3/5.glb"}) {
     const auto first = ask(file);
     ASSERT_TRUE(first && first->later) << file;
-    EXPECT_EQ(first->later->isTile, std::string(file).ends_with(".glb"));
+    EXPECT_EQ(first->later->queue == Queue::kTiles, std::string(file).ends_with(".glb"));
     const Answer was = made(first);
     const auto again = ask(file);
     EXPECT_FALSE(again->later) << file;
@@ -93,8 +95,8 @@ TEST_F(TilesetRouteTest, WhatWasMadeIsAnsweredAtOnce) {
   request.method = "GET";
   request.target = "/v1/sessions/default/snapshot.glb?x0=0&z0=0&x1=40&z1=40&error=2";
   const Route snapshots = snapshotRoute(directory, maker);
-  const Answer box = snapshots(request)->later->work({});
-  EXPECT_EQ(snapshots(request)->body, box.body);
+  const Answer box = Replied(*snapshots(request)).made();
+  EXPECT_EQ(Replied(*snapshots(request)).body, box.body);
 }
 
 // Work waits in a queue; the ground may change meanwhile.

@@ -29,6 +29,7 @@ using testing::HasSubstr;
 using testing::Not;
 using testing::StartsWith;
 using testing_support::SocketClient;
+using Next = std::optional<RetryAt>;
 
 template <class Condition>
 bool soon(const Condition& condition) {
@@ -37,7 +38,7 @@ bool soon(const Condition& condition) {
 
 // A job of one turn.
 bool give(Jobs& jobs, std::stop_source stop, std::function<void(std::stop_token)> run, std::string client = {}) {
-  const auto once = [run = std::move(run)](std::stop_token token) -> Jobs::Again {
+  const auto once = [run = std::move(run)](std::stop_token token) -> Next {
     run(std::move(token));
     return {};
   };
@@ -71,11 +72,11 @@ TEST(Jobs, RunInTurnsAndKeepTheirPlacesBetweenThem) {
   std::vector<char> order;  // of the one thread's
   std::atomic<int> ended{0};
   Jobs::Clock::time_point due;
-  ASSERT_TRUE(jobs.post(std::stop_source(), [&](std::stop_token) -> Jobs::Again {
+  ASSERT_TRUE(jobs.post(std::stop_source(), [&](std::stop_token) -> Next {
     open.wait();
     order.push_back('l');
-    if (std::ranges::count(order, 'l') == 1) return Jobs::Clock::now();
-    if (std::ranges::count(order, 'l') == 2) return due = Jobs::Clock::now() + 50ms;
+    if (std::ranges::count(order, 'l') == 1) return RetryAt{Jobs::Clock::now()};
+    if (std::ranges::count(order, 'l') == 2) return RetryAt{due = Jobs::Clock::now() + 50ms};
     EXPECT_GE(Jobs::Clock::now(), due);
     ++ended;
     return {};
@@ -97,9 +98,9 @@ TEST(Jobs, OneThatWaitsForItsNextTurnIsAbandonedLikeAnyOther) {
   Jobs jobs({.threads = 1, .waiting = 0});
   std::stop_source asker;
   std::atomic<int> turns{0};
-  ASSERT_TRUE(jobs.post(asker, [&](std::stop_token) -> Jobs::Again {
+  ASSERT_TRUE(jobs.post(asker, [&](std::stop_token) -> Next {
     ++turns;
-    return Jobs::Clock::now() + 1h;
+    return RetryAt{Jobs::Clock::now() + 1h};
   }));
   ASSERT_TRUE(soon([&] { return turns == 1 && jobs.waiting() == 1; }));
   EXPECT_FALSE(give(jobs, std::stop_source(), [](std::stop_token) {})) << "it keeps the only place";
@@ -116,14 +117,13 @@ TEST(Jobs, OneThatWaitsForSomebodyElseIsWoken) {
   const std::stop_source first, second;
   std::atomic<int> turns{0};
   std::promise<void> isOver;
-  ASSERT_TRUE(
-      jobs.post(first, [&](std::stop_token) -> Jobs::Again { return ++turns == 1 ? Jobs::Again(Jobs::kWhenWoken) : Jobs::Again(); }));
+  ASSERT_TRUE(jobs.post(first, [&](std::stop_token) -> Next { return ++turns == 1 ? Next(RetryAt{RetryAt::kWhenWoken}) : Next(); }));
   ASSERT_TRUE(soon([&] { return turns == 1 && jobs.waiting() == 1; }));
   std::atomic<int> others{0};
-  ASSERT_TRUE(jobs.post(second, [&](std::stop_token) -> Jobs::Again {
-    if (++others == 2) return isOver.set_value(), Jobs::Again();
+  ASSERT_TRUE(jobs.post(second, [&](std::stop_token) -> Next {
+    if (++others == 2) return isOver.set_value(), Next();
     jobs.wake(second);
-    return Jobs::kWhenWoken;
+    return RetryAt{RetryAt::kWhenWoken};
   }));
   isOver.get_future().wait();
   EXPECT_EQ(turns, 1) << "nobody has woken it";
@@ -298,12 +298,11 @@ class LaterTest : public testing::Test {
             .value();
   }
   void TearDown() override { server->shutdown(); }
-  std::optional<Answer> route(const Request& request) {
-    Answer a;
-    auto later = std::make_shared<DeferredResponse>();
+  std::optional<Reply> route(const Request& request) {
+    DeferredResponse later;
     if (request.target == "/prompt") {
-      a.etag = "v1";
-      later->work = [this](std::stop_token) {
+      later.unchanged.etag = "v1";
+      later.work = [this](const Turn&) {
         ++worked;
         Answer made;
         made.body = "made\n";
@@ -311,42 +310,41 @@ class LaterTest : public testing::Test {
         return made;
       };
     } else if (request.target == "/large") {
-      later->patient = true;
-      later->work = [](std::stop_token) {
+      later.queue = Queue::kPatient;
+      later.work = [](const Turn&) {
         Answer made;
         made.body.assign(30'000'000, 'x');
         return made;
       };
     } else if (request.target == "/endless") {
       ++asked;
-      later->patient = true;
-      later->work = [this](std::stop_token stop) {
+      later.queue = Queue::kPatient;
+      later.work = [this](const Turn& turn) {
         ++began;
-        while (!stop.stop_requested()) std::this_thread::sleep_for(1ms);
+        while (!turn.stop.stop_requested()) std::this_thread::sleep_for(1ms);
         ++ended;
         return Answer{};
       };
     } else if (request.target == "/world") {
-      later->makesWorld = true;
-      later->work = [](std::stop_token) {
+      later.queue = Queue::kWorlds;
+      later.work = [](const Turn&) {
         Answer made;
         made.body = "a world\n";
         return made;
       };
     } else if (request.target == "/tile") {
-      later->isTile = true;
-      later->work = [](std::stop_token) {
+      later.queue = Queue::kTiles;
+      later.work = [](const Turn&) {
         Answer made;
         made.body = "a tile\n";
         return made;
       };
     } else if (request.target == "/throws") {
-      later->work = [](std::stop_token) -> Answer { throw std::runtime_error("on purpose"); };
+      later.work = [](const Turn&) -> Answer { throw std::runtime_error("on purpose"); };
     } else {
       return std::nullopt;
     }
-    a.later = std::move(later);
-    return a;
+    return later;
   }
   static std::string get(std::string_view target, std::string_view more = "", std::string_view method = "GET") {
     return std::string(method) + " " + std::string(target) + " HTTP/1.1\r\nHost: localhost\r\n" + std::string(more) + "\r\n";

@@ -16,6 +16,7 @@
 #include "server/http/queries.h"
 #include "server/scheduling/pool.h"
 #include "tests/support/leaf_meshes.h"
+#include "tests/support/replies.h"
 
 namespace ridgecast::query {
 namespace {
@@ -137,21 +138,13 @@ class QueryHttpTest : public testing::Test {
     return asked(request, std::move(body));
   }
   http::Answer asked(const http::Request& request, std::string body = {}) {
-    auto a = http::queryRoute(directory)(request);
-    if (!a) {
-      http::Answer none;
-      none.status = 0;
-      return none;
-    }
-    if (a->later && a->later->makesWorld) a = a->later->work({});
-    if (a->ofBody) {
-      if (body.size() > a->ofBody->most) return http::plain(413, a->ofBody->tooLong);
-      a = a->ofBody->answer(std::move(body));
-    }
-    if (!a->later) return *a;
-    http::Answer made;
-    for (turns = 1; (made = a->later->work({})).again; ++turns) std::this_thread::sleep_until(*made.again);
-    return made;
+    auto reply = http::queryRoute(directory)(request);
+    if (!reply) return {.status = 0};
+    const auto* later = std::get_if<http::DeferredResponse>(&*reply);
+    const testing_support::Replied a = later && later->queue == http::Queue::kWorlds ? testing_support::replyOf(*later) : *reply;
+    if (a.ofBody && body.size() > a.ofBody->maxBytes) return http::plain(413, a.ofBody->tooLong);
+    turns = 0;
+    return a.made({}, std::move(body), &turns);
   }
   int turns = 0;  // of the last answer
   std::shared_ptr<const terrain::Terrain> terrain = terrain::create("alpine", 3).value();
@@ -369,10 +362,10 @@ TEST_F(QueryHttpTest, WorldsThatTakeLongAreMadeByWork) {
     request.client = "address 192.0.2.1";
     const std::string target = "/v1/heights?session=" + name + "&terrain=canyon&param=depth=5";
     request.target = target;
-    const auto first = http::queryRoute(directory)(request);
-    ASSERT_TRUE(first && first->later);
-    EXPECT_TRUE(first->later->makesWorld);
-    EXPECT_EQ(first->later->progress(), "preparing the terrain");
+    const testing_support::Replied first(*http::queryRoute(directory)(request));
+    ASSERT_TRUE(first.later);
+    EXPECT_EQ(first.later->queue, http::Queue::kWorlds);
+    EXPECT_EQ(first.later->progress(), "preparing the terrain");
     EXPECT_FALSE(directory->find(name));
     EXPECT_EQ(asked(request, R"({"at": [[1, 2]]})").status, 200u);
     EXPECT_TRUE(directory->find(name));
