@@ -29,6 +29,7 @@
 #include "common/user_terrain/probe.h"
 #include "common/user_terrain/raster_terrain.h"
 #include "server/config/config.h"
+#include "server/directory/directory.h"
 #include "server/edits_command.h"
 #include "server/http/edits.h"
 #include "server/http/map_tiles.h"

@@ -7,6 +7,7 @@
 
 #include "common/outcome/outcome.h"
 #include "server/config/config.h"
+#include "server/directory/directory.h"
 #include "server/session/session.h"
 
 namespace ridgecast {

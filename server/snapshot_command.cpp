@@ -19,6 +19,7 @@
 
 #include "common/user_terrain/catalogue.h"
 #include "server/config/config.h"
+#include "server/directory/directory.h"
 #include "server/scheduling/pool.h"
 #include "server/session/session.h"
 #include "server/snapshot/archive.h"

@@ -13,6 +13,7 @@
 #include <thread>
 #include <vector>
 
+#include "server/directory/directory.h"
 #include "server/session/session.h"
 
 namespace ridgecast {

@@ -11,8 +11,8 @@
 #include <cstddef>
 #include <memory>
 
+#include "server/directory/directory.h"
 #include "server/http/routes.h"
-#include "server/session/session.h"
 
 namespace ridgecast::http {
 

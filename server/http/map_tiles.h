@@ -10,8 +10,8 @@
 
 #include <memory>
 
+#include "server/directory/directory.h"
 #include "server/http/routes.h"
-#include "server/session/session.h"
 
 namespace ridgecast::http {
 

@@ -2,7 +2,7 @@
 
 #include "common/text/text.h"
 #include "server/access/host.h"
-#include "server/session/session.h"
+#include "server/directory/directory.h"
 
 namespace ridgecast::http {
 

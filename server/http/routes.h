@@ -26,6 +26,7 @@
 
 #include "common/outcome/outcome.h"
 #include "server/access/rights.h"
+#include "server/directory/directory.h"
 #include "server/http/jobs.h"
 #include "server/metrics/metrics.h"
 #include "server/session/session.h"

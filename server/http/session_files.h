@@ -7,6 +7,7 @@
 #include <string>
 #include <string_view>
 
+#include "server/directory/directory.h"
 #include "server/http/answer_cache.h"
 #include "server/http/routes.h"
 #include "server/session/session.h"

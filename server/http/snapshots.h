@@ -12,9 +12,9 @@
 
 #include <memory>
 
+#include "server/directory/directory.h"
 #include "server/http/routes.h"
 #include "server/http/session_files.h"
-#include "server/session/session.h"
 
 namespace ridgecast::http {
 

@@ -35,6 +35,7 @@
 #include "common/outcome/outcome.h"
 #include "common/wire/wire.h"
 #include "server/access/network.h"
+#include "server/directory/directory.h"
 #include "server/http/jobs.h"
 #include "server/http/request_filter.h"
 #include "server/http/routes.h"

@@ -17,6 +17,7 @@
 #include "common/outcome/contract.h"
 #include "common/transport/channel.h"
 #include "server/access/limits.h"
+#include "server/directory/directory.h"
 #include "server/http/request_filter.h"
 #include "server/net/request_body_budget.h"
 #include "server/net/server.h"

@@ -14,7 +14,7 @@
 #include "server/access/limits.h"
 #include "server/conversation/rate.h"
 #include "server/logging/logging.h"
-#include "server/session/camera_session.h"
+#include "server/member/camera_session.h"
 
 namespace ridgecast::net {
 

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "common/outcome/outcome.h"
+#include "server/directory/directory.h"
 #include "server/session/session.h"
 
 namespace ridgecast::playback {

@@ -293,7 +293,7 @@ Outcome<void> Edits::append() {
 }
 
 Error Edits::told(Error e) {
-  if (std::exchange(trouble_, e.message) != e.message) logging::error(kept_.place + e.message);
+  if (std::exchange(trouble_, e.message) != e.message) logging::error(kept_.folder + e.message);
   return e;
 }
 

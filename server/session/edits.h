@@ -61,7 +61,7 @@ class Edits : public std::enable_shared_from_this<Edits> {
     std::function<Outcome<std::unique_ptr<edit_store::Store>>(std::string_view client)> makeStore = [](std::string_view) {
       return edit_log::Log::temporary();
     };
-    std::string place;  // for the operator
+    std::string folder;  // for the operator
   };
   // `changed` is called after each change of the ground, `made` for each edit that is kept, before anybody has its ground. Executors as
   // Resources::executor and disk, `turn` as Limits::turn.
@@ -134,7 +134,7 @@ class Edits : public std::enable_shared_from_this<Edits> {
   Outcome<void> append();
   void takeBack(const Answer& why);
   void forget(const Waiting& waiting);  // under the lock
-  Error told(Error e);                  // to the operator, once while the same error lasts, with the place, which clients are not told
+  Error told(Error e);                  // to the operator, once while the same error lasts, with the folder, which clients are not told
 
   const std::shared_ptr<const terrain::Terrain> terrain_;
   const std::shared_ptr<scheduling::Pool> pool_, disk_;

@@ -1,13 +1,11 @@
 #include "server/session/session.h"
 
-#include <algorithm>
 #include <random>
 
 #include "common/edits/packed.h"
 #include "common/outcome/contract.h"
 #include "common/wire/wire.h"
 #include "server/logging/logging.h"
-#include "server/session/camera_session.h"
 
 namespace ridgecast::session {
 
@@ -53,21 +51,15 @@ std::shared_ptr<recording::Observer> beginRecording(const Resources& resources, 
 
 }  // namespace
 
-MakeMesh pipelineMeshes() {
-  return [](std::shared_ptr<const terrain::Terrain> terrain, const settings::Settings& granted, std::shared_ptr<scheduling::Pool> pool) {
-    return std::make_unique<pipeline::Pipeline>(std::move(terrain), granted, std::move(pool));
-  };
-}
-
 Session::Session(std::string name, std::shared_ptr<const terrain::Terrain> terrain, WorldSpec spec,
-                 std::shared_ptr<const Resources> resources, std::shared_ptr<Places> places, Edits::Kept kept)
+                 std::shared_ptr<const Resources> resources, std::shared_ptr<CameraQuota> quota, Edits::Kept kept)
     : name_(std::move(name)),
       spec_(std::move(spec)),
       contentHash_(terrain::contentHash(*terrain)),
       nonce_(anyNumber()),
       resources_(std::move(resources)),
       members_(std::make_shared<std::atomic<std::uint32_t>>(0)),
-      places_(std::move(places)),
+      quota_(std::move(quota)),
       observer_(beginRecording(*resources_, name_, spec_, *terrain, contentHash_, kept)),
       presence_(std::make_shared<Presence>(*resources_->timer, spec_.clock, observer_)),
       edits_(std::make_shared<Edits>(
@@ -103,18 +95,17 @@ void Session::edit(Edit edit, std::shared_ptr<Budgets> budgets, std::function<vo
       });
 }
 
-Outcome<CameraPlace> Session::enter(const std::string& client) {
+Outcome<Membership> Session::enter(const std::string& client) {
   const Limits& limits = resources_->limits;
-  auto onServer = places_->enter();
-  if (!onServer) return onServer.error();
+  auto quota = quota_->take();
+  if (!quota) return quota.error();
   if (!raise(*members_, limits.maxMembers)) {
     if (*members_ & kEnded) return Error{"Session '" + name_ + "' has just ended because it was empty; connect again to create it."};
     return Error{"Session '" + name_ + "' is full: it has " + std::to_string(limits.maxMembers) + " members; try again later."};
   }
-  return CameraPlace{
-      std::move(*onServer),
-      Place(nullptr, [members = members_](const void*) { expects((members->fetch_sub(1) & ~kEnded) > 0, "who leaves was a member"); }),
-      budgetsOf(client), client};
+  std::shared_ptr<const void> slot(
+      nullptr, [members = members_](const void*) { expects((members->fetch_sub(1) & ~kEnded) > 0, "who leaves was a member"); });
+  return Membership{std::move(*quota), std::move(slot), budgetsOf(client), client};
 }
 
 bool Session::end() {
@@ -127,158 +118,6 @@ bool Session::end() {
 void Session::retire() {
   isRetired_ = true;
   edits_->end();
-}
-
-Directory::Directory(std::shared_ptr<const Resources> resources, std::shared_ptr<const terrain::Terrain> defaultTerrain,
-                     std::vector<std::pair<std::string, double>> defaultParameters)
-    : resources_(std::move(resources)),
-      places_(std::make_shared<Places>(resources_->limits.maxCameras, resources_->limits.maxTotalTriangles)),
-      reservations_(resources_->state),
-      default_{std::move(defaultTerrain), std::move(defaultParameters)} {
-  if (auto added = addDefault(); !added && !reservations_.isElsewhere(std::string(kDefaultName))) added.value();
-}
-
-Outcome<std::shared_ptr<Session>> Directory::addDefault() { return add(std::string(kDefaultName), default_.terrain, default_.parameters); }
-
-void Directory::awaitDefault() {
-  if (find(kDefaultName)) return;
-  if (!awaiting_) {
-    awaiting_ = resources_->writer().makePool(1);
-    logging::info({.session = std::string(kDefaultName)}, "another server has it; this one takes it when that one lets go of it");
-  }
-  constexpr std::chrono::milliseconds kPause{100};
-  resources_->timer->at(resources_->timer->now() + kPause, [weak = weak_from_this()] {
-    const auto self = weak.lock();
-    if (!self) return;
-    if (self->reservations_.isElsewhere(std::string(kDefaultName))) return self->awaitDefault();
-    self->awaiting_->post([weak] {  // its edits may take seconds
-      const auto directory = weak.lock();
-      if (!directory) return;
-      const auto added = directory->addDefault();
-      if (added) return logging::info({.session = std::string(kDefaultName)}, "is this server's now");
-      if (directory->reservations_.isElsewhere(std::string(kDefaultName))) return directory->awaitDefault();
-      logging::error({.session = std::string(kDefaultName)}, "nobody can enter it: " + added.error().message);
-    });
-  });
-}
-
-std::shared_ptr<Session> Directory::find(std::string_view name) const {
-  const std::lock_guard lock(mutex_);
-  const auto it = sessions_.find(name);
-  return it == sessions_.end() ? nullptr : it->second.session;
-}
-
-Outcome<std::unique_ptr<Reservation>> Directory::reserve(const std::string& name) const {
-  auto reservation = reservations_.take(name);
-  if (reservation && find(name)) reservation->reset();
-  return reservation;
-}
-
-Outcome<std::shared_ptr<Session>> Directory::add(const std::string& name, std::shared_ptr<const terrain::Terrain> terrain,
-                                                 std::vector<std::pair<std::string, double>> parameters, std::string maker,
-                                                 wire::ClockMode clock) {
-  if (!wire::sessionNameIsValid(name))
-    return Error{"A session's name has 1 to " + std::to_string(wire::kMaxSessionBytes) + " letters, digits, dots, underscores or hyphens."};
-  auto reservation = reserve(name);
-  if (!reservation) return reservation.error();
-  if (!*reservation) return Error{"There is a session named '" + name + "' already; choose another name."};
-  return add(std::move(*reservation), std::move(terrain), std::move(parameters), std::move(maker), clock);
-}
-
-Outcome<std::shared_ptr<Session>> Directory::add(std::unique_ptr<Reservation> reservation, std::shared_ptr<const terrain::Terrain> terrain,
-                                                 std::vector<std::pair<std::string, double>> parameters, std::string maker,
-                                                 wire::ClockMode clock) {
-  const std::string& name = reservation->name();
-  std::sort(parameters.begin(), parameters.end());
-  WorldSpec spec{std::string(terrain->name()), terrain->seed(), std::move(parameters), clock};
-  auto kept = reservation->keep({spec.terrain, spec.seed, spec.parameters, terrain::contentHash(*terrain)}, terrain);
-  if (!kept) return kept.error();
-  auto session = std::make_shared<Session>(name, std::move(terrain), std::move(spec), resources_, places_, std::move(*kept));
-  const std::lock_guard lock(mutex_);
-  if (auto full = fullFor(maker)) return Error{std::move(full->sentence)};
-  sessions_.emplace(name, Kept{session, std::move(maker), 0, {}});
-  sweepSoon();
-  return session;
-}
-
-bool Directory::replace(const std::shared_ptr<Session>& session, std::shared_ptr<const terrain::Terrain> terrain,
-                        const std::function<void(const Session& successor)>& prepare) {
-  auto successor = std::make_shared<Session>(session->name(), std::move(terrain), session->spec(), resources_, places_);
-  if (prepare) prepare(*successor);
-  const std::lock_guard lock(mutex_);
-  const auto it = sessions_.find(session->name());
-  if (it == sessions_.end() || it->second.session != session) return false;
-  if (session->uses() > 0) successor->use();  // so that it waits for its members as long
-  it->second = Kept{std::move(successor), std::move(it->second.maker), 0, {}};
-  session->retire();
-  return true;
-}
-
-std::shared_ptr<Session> Directory::remove(std::string_view name) {
-  const std::lock_guard lock(mutex_);
-  const auto it = sessions_.find(name);
-  if (it == sessions_.end() || name == kDefaultName) return nullptr;
-  std::shared_ptr<Session> session = std::move(it->second.session);
-  sessions_.erase(it);
-  session->retire();
-  return session;
-}
-
-std::vector<std::shared_ptr<Session>> Directory::all() const {
-  const std::lock_guard lock(mutex_);
-  std::vector<std::shared_ptr<Session>> out;
-  for (const auto& [name, kept] : sessions_) out.push_back(kept.session);
-  return out;
-}
-
-std::optional<Directory::Full> Directory::full(std::string_view maker) const {
-  const std::lock_guard lock(mutex_);
-  return fullFor(maker);
-}
-
-std::optional<Directory::Full> Directory::fullFor(std::string_view maker) const {
-  const Limits& limits = resources_->limits;
-  const auto made = std::ranges::count_if(sessions_, [&](const auto& entry) { return entry.second.maker == maker; });
-  if (!maker.empty() && limits.maxSessionsPerClient != 0 && made >= limits.maxSessionsPerClient)
-    return Full{true, "The " + std::string(maker) + " has made " + std::to_string(made) +
-                          " of the sessions that live here, the most one client may; leave one until it ends, or join one by its name."};
-  if (sessions_.size() >= limits.maxSessions)
-    return Full{false, "This server has " + std::to_string(limits.maxSessions) + " sessions, its limit; try again later."};
-  return std::nullopt;
-}
-
-void Directory::sweepSoon() {
-  if (sweepSet_ || sessions_.size() <= 1) return;
-  sweepSet_ = true;
-  using std::chrono::milliseconds;
-  const auto pause = std::clamp<milliseconds>(resources_->limits.sessionIdle / 8, milliseconds(10), milliseconds(1000));
-  resources_->timer->at(resources_->timer->now() + pause, [weak = weak_from_this()] {
-    if (const auto self = weak.lock()) self->sweep();
-  });
-}
-
-void Directory::sweep() {
-  std::vector<std::shared_ptr<Session>> ended;  // destroyed outside the lock
-  const std::lock_guard lock(mutex_);
-  sweepSet_ = false;
-  const auto now = resources_->timer->now();
-  for (auto it = sessions_.begin(); it != sessions_.end();) {
-    Kept& kept = it->second;
-    const std::uint64_t uses = kept.session->uses();
-    if (kept.session->members() > 0 || kept.uses != uses) kept.idleSince.reset();
-    kept.uses = uses;
-    if (!kept.idleSince && kept.session->members() == 0) kept.idleSince = now;
-    const auto most =
-        uses || kept.maker.empty() ? resources_->limits.sessionIdle : std::min(resources_->limits.sessionIdle, kUnenteredIdle);
-    const bool isOver = kept.idleSince && now - *kept.idleSince >= most && it->first != kDefaultName;
-    if (!isOver || !kept.session->end()) {
-      ++it;
-      continue;
-    }
-    ended.push_back(std::move(kept.session));
-    it = sessions_.erase(it);
-  }
-  sweepSoon();
 }
 
 }  // namespace ridgecast::session

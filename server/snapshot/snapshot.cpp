@@ -20,7 +20,7 @@
 #include "server/map/picture.h"
 #include "server/map/sheet.h"
 #include "server/pipeline/pipeline.h"
-#include "server/session/camera_session.h"
+#include "server/session/live_cameras.h"
 #include "server/snapshot/attributes.h"
 #include "server/snapshot/description.h"
 #include "server/snapshot/geotiff.h"

@@ -8,6 +8,7 @@
 
 #include "client/core/conversation/url.h"
 #include "server/access/network.h"
+#include "server/directory/directory.h"
 #include "server/http/queries.h"
 #include "server/http/request_filter.h"
 #include "server/http/routes.h"

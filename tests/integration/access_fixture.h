@@ -13,6 +13,7 @@
 #include "common/wire/wire.h"
 #include "server/access/jwt.h"
 #include "server/access/tokens.h"
+#include "server/directory/directory.h"
 #include "server/logging/logging.h"
 #include "server/net/server.h"
 #include "server/scheduling/pool.h"

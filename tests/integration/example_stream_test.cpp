@@ -17,6 +17,7 @@
 #include "client/core/mesh/scene.h"
 #include "client/link/connection.h"
 #include "common/wire/wire.h"
+#include "server/directory/directory.h"
 #include "server/logging/logging.h"
 #include "server/net/server.h"
 #include "server/scheduling/pool.h"

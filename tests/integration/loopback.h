@@ -7,6 +7,7 @@
 #include <utility>
 #include <vector>
 
+#include "server/directory/directory.h"
 #include "server/logging/logging.h"
 #include "server/net/server.h"
 #include "server/scheduling/pool.h"

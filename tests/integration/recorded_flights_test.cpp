@@ -13,6 +13,7 @@
 #include <string>
 #include <vector>
 
+#include "server/directory/directory.h"
 #include "server/logging/logging.h"
 #include "server/net/server.h"
 #include "server/scheduling/pool.h"

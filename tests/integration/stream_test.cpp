@@ -10,6 +10,7 @@
 #include <thread>
 #include <vector>
 
+#include "server/directory/directory.h"
 #include "server/logging/logging.h"
 #include "server/net/server.h"
 #include "server/scheduling/pool.h"

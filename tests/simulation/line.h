@@ -14,7 +14,7 @@
 #include <vector>
 
 #include "common/wire/wire.h"
-#include "server/session/camera_session.h"
+#include "server/member/camera_session.h"
 #include "tests/simulation/server.h"
 #include "tests/support/decoded.h"
 #include "tests/support/simulated_timer.h"

@@ -13,8 +13,9 @@
 #include <vector>
 
 #include "common/terrain/terrain.h"
+#include "server/directory/directory.h"
+#include "server/member/camera_session.h"
 #include "server/scheduling/pool.h"
-#include "server/session/camera_session.h"
 #include "server/session/session.h"
 #include "tests/support/forgetful_disk.h"
 #include "tests/support/process.h"

@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <fstream>
 
+#include "server/directory/directory.h"
 #include "server/session/session.h"
 #include "tests/support/process.h"
 

@@ -13,11 +13,12 @@
 #include <vector>
 
 #include "common/edits/packed.h"
-#include "server/session/camera_session.h"
+#include "server/directory/directory.h"
+#include "server/member/camera_session.h"
 #include "tests/support/crater.h"
 #include "tests/support/decoded.h"
 #include "tests/support/simulated_timer.h"
-#include "tests/unit/server/session/scripted.h"
+#include "tests/unit/server/member/scripted.h"
 
 namespace ridgecast::session {
 namespace {

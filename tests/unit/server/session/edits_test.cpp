@@ -14,13 +14,14 @@
 
 #include "common/edits/author.h"
 #include "common/edits/packed.h"
+#include "server/directory/directory.h"
 #include "server/edit_log/clients.h"
 #include "server/edit_log/database.h"
 #include "server/edit_log/log.h"
-#include "server/session/camera_session.h"
+#include "server/member/camera_session.h"
 #include "tests/support/crater.h"
 #include "tests/support/process.h"
-#include "tests/unit/server/session/scripted.h"
+#include "tests/unit/server/member/scripted.h"
 
 namespace ridgecast::session {
 namespace {

@@ -11,7 +11,8 @@
 #include <thread>
 #include <tuple>
 
-#include "server/session/camera_session.h"
+#include "server/directory/directory.h"
+#include "server/member/camera_session.h"
 #include "server/snapshot/snapshot.h"
 #include "tests/support/edit.h"
 #include "tests/support/glb_file.h"

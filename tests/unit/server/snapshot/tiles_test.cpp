@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "common/terrain/raster.h"
+#include "server/directory/directory.h"
 #include "tests/support/edit.h"
 #include "tests/support/glb_file.h"
 

@@ -1,0 +1,87 @@
+#include "server/directory/reservations.h"
+
+#include <stdexcept>
+#include <system_error>
+#include <utility>
+
+#include "server/edit_log/clients.h"
+#include "server/logging/logging.h"
+
+namespace ridgecast::session {
+
+namespace {
+
+namespace fs = std::filesystem;
+
+std::string folderOf(const fs::path& log) { return "in '" + log.parent_path().string() + "': "; }
+
+// The operator is told where the file is, clients are not.
+Error told(const fs::path& log, Error e) {
+  logging::error(folderOf(log) + e.message);
+  return e;
+}
+
+Outcome<std::unique_ptr<edit_store::Store>> beginLog(std::shared_ptr<const edit_log::Lock> lock, const edit_log::World& world,
+                                                     std::string_view client) {
+  const fs::path file = lock->log();
+  auto log = edit_log::createFor(client, std::move(lock), world, kMaxKept);
+  if (!log) return told(file, log.error());
+  return std::unique_ptr<edit_store::Store>(std::move(*log));
+}
+
+}  // namespace
+
+Reservations::Reservations(fs::path state) : state_(std::move(state)) {
+  if (!state_.empty()) edit_log::Lock::prepare(state_).value();
+}
+
+bool Reservations::hasLog(const std::string& name) const {
+  std::error_code unknown;
+  return !state_.empty() && fs::exists(logOf(name), unknown);
+}
+
+Outcome<std::unique_ptr<Reservation>> Reservations::take(const std::string& name) const {
+  {
+    const std::lock_guard lock(names_->mutex);
+    if (!names_->taken.insert(name).second) return std::unique_ptr<Reservation>();
+  }
+  auto reservation = std::make_unique<Reservation>();
+  reservation->name_ = name;
+  Reservation::Held held;
+  held.name = std::shared_ptr<const void>(nullptr, [names = names_, name](const void*) {
+    const std::lock_guard lock(names->mutex);
+    names->taken.erase(name);
+  });
+  if (!state_.empty()) {
+    auto lock = edit_log::Lock::take(logOf(name));
+    if (!lock) return lock.error();
+    held.lock = std::move(*lock);
+    auto log = edit_log::Log::open(held.lock);
+    if (!log) return told(logOf(name), log.error());
+    reservation->log_ = std::move(*log);
+  }
+  reservation->held_ = std::make_shared<const Reservation::Held>(std::move(held));
+  return reservation;
+}
+
+Outcome<Edits::Kept> Reservation::keep(const edit_log::World& world, const std::shared_ptr<const terrain::Terrain>& terrain) {
+  Edits::Kept kept;
+  if (!held_->lock) return kept;  // its name is free as soon as it lives
+  kept.held = held_;
+  kept.folder = folderOf(held_->lock->log());
+  if (!log_) {
+    kept.makeStore = [lock = held_->lock, world](std::string_view client) { return beginLog(lock, world, client); };
+    return kept;
+  }
+  const edit_log::World& its = log_->world();
+  if (its.terrain != world.terrain || its.seed != world.seed || its.parameters != world.parameters)
+    return Error{"The session '" + name_ + "' has edits of another world, " + its.terrain + " with seed " + std::to_string(its.seed) +
+                 "; join it without naming a terrain, or choose another name."};
+  auto history = edit_log::historyOf(*log_, terrain);
+  if (!history) return told(held_->lock->log(), history.error());
+  kept.store = std::move(log_);
+  kept.history = std::move(*history);
+  return kept;
+}
+
+}  // namespace ridgecast::session

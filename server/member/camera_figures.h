@@ -1,0 +1,39 @@
+#pragma once
+// One camera's share of the server's figures. Any thread.
+
+#include <cstdint>
+#include <deque>
+#include <memory>
+#include <mutex>
+#include <utility>
+
+#include "server/metrics/metrics.h"
+#include "server/session/timer.h"
+
+namespace ridgecast::session {
+
+class CameraFigures {
+ public:
+  CameraFigures(std::shared_ptr<metrics::Metrics> all, const Timer& timer) : all_(std::move(all)), timer_(timer) {}
+  CameraFigures(const CameraFigures&) = delete;
+  CameraFigures& operator=(const CameraFigures&) = delete;
+  ~CameraFigures() { holds(0, false); }
+
+  void arrived(std::uint64_t pose);
+  // The mesh's triangles now, and whether detail is withheld.
+  void holds(std::uint32_t triangles, bool withheld);
+  // An iteration for this pose is sent; the message's ticket (sender.h) tells when it has left. Late: a newer pose has come.
+  std::shared_ptr<const void> sent(std::uint64_t pose, bool late);
+
+ private:
+  static constexpr std::size_t kMaxArrivals = 64;
+
+  const std::shared_ptr<metrics::Metrics> all_;
+  const Timer& timer_;
+  std::mutex mutex_;
+  std::uint32_t triangles_ = 0;
+  bool withheld_ = false;
+  std::deque<std::pair<std::uint64_t, Timer::Time>> arrivals_;  // of poses without an iteration yet; at most kMaxArrivals, the newest
+};
+
+}  // namespace ridgecast::session

@@ -1,0 +1,482 @@
+#include "server/member/camera_session.h"
+
+#include <algorithm>
+#include <chrono>
+#include <exception>
+#include <optional>
+#include <utility>
+
+#include "common/edits/author.h"
+#include "common/edits/edited_terrain.h"
+#include "common/edits/json.h"
+#include "common/edits/square.h"
+#include "common/terrain/raster.h"
+#include "common/wire/wire.h"
+#include "server/memory/memory.h"
+#include "server/pipeline/pipeline.h"
+#include "server/recording/events.h"
+#include "server/replica/replica.h"
+
+namespace ridgecast::session {
+
+namespace {
+
+using wire::ErrorCode;
+using wire::ErrorMessage;
+
+static_assert(edits::kMaxAuthorBytes == wire::kMaxNameBytes);
+
+constexpr std::chrono::milliseconds kEditPause{5};    // between two messages about edits
+constexpr std::chrono::milliseconds kQueueRetry{20};  // while more is queued for a client than it may have for its next iteration
+
+double millisecondsSince(std::chrono::steady_clock::time_point start) {
+  return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
+}
+
+// A closed camera leaves freed memory scattered in the allocator's arenas, which keep it until told. Returning it takes milliseconds: once
+// for all cameras that close within a second.
+void giveMemoryBackSoon(const Resources& resources) {
+  if (resources.givesMemoryBack.exchange(true)) return;
+  resources.timer->at(resources.timer->now() + std::chrono::seconds(1), [&resources] {  // the resources own the timer
+    resources.givesMemoryBack = false;
+    memory::giveBack();
+  });
+}
+
+wire::Settings grant(const wire::Settings& requested, const Limits& limits, bool hasColours, CameraQuota::Share& quota) {
+  wire::Settings out = pipeline::grant(requested, limits.mesh);
+  if (!hasColours) out.colourError = 0;
+  out.triangleBudget = quota.grant(out.triangleBudget);
+  const std::uint64_t most = limits.maxBytesPerSecond;
+  if (out.bytesPerSecond == 0 || (most != 0 && out.bytesPerSecond > most)) out.bytesPerSecond = most;
+  if (out.bytesPerSecond != 0) out.bytesPerSecond = std::max(out.bytesPerSecond, kMinBytesPerSecond);
+  return out;
+}
+
+conversation::Terms termsOf(const Session& session, const Membership& member) {
+  const Limits& limits = session.resources().limits;
+  const bool hasColours = static_cast<bool>(session.terrain()->colours());
+  conversation::Terms terms{
+      [limits, hasColours, quota = member.quota](const wire::Settings& requested) { return grant(requested, limits, hasColours, *quota); },
+      limits.window,
+      limits.maxQueuedBytes,
+      {},
+      {member.budgets, &member.budgets->repairs}};
+  const auto terrain = session.terrain();
+  if (const terrain::Raster* raster = terrain->raster(); raster && limits.sendsTerrain) terms.heightMap = raster->shape();
+  terms.sendsEdits = limits.sendsTerrain;
+  return terms;
+}
+
+wire::World worldOf(const Session& session, const wire::Settings& granted, std::uint64_t camera) {
+  const auto ground = session.ground();
+  const terrain::Terrain& terrain = *ground.terrain;
+  const Resources& resources = session.resources();
+  wire::World world;
+  world.edit = ground.edit;
+  world.compacted = session.edits().compacted();
+  world.serverName = resources.serverName;
+  world.session = session.name();
+  world.terrainName = terrain.name();
+  if (resources.limits.sendsTerrain) {
+    world.terrainSource = terrain.source();
+    if (terrain.raster()) world.heightMap = terrain.raster()->shape();
+  } else {
+    world.shadedVertices = static_cast<bool>(terrain.colours());
+  }
+  world.seed = terrain.seed();
+  world.contentHash = session.contentHash();
+  world.horizon = pipeline::Pipeline::kHorizon;
+  world.settings = granted;
+  world.window = resources.limits.window;
+  world.camera = camera;
+  return world;
+}
+
+void noteQuestion(const Session& session, std::uint64_t camera, std::size_t places, const wire::ClientMessage& question) {
+  recording::Asked asked{camera, static_cast<std::uint32_t>(places)};
+  if (places <= 64) asked.message = wire::encode(question);
+  if (asked.message.size() > recording::Asked::kMaxBytes) asked.message.clear();
+  session.note(std::move(asked));
+}
+
+}  // namespace
+
+CameraSession::CameraSession(std::shared_ptr<Session> session, Membership membership, std::uint64_t id, std::shared_ptr<Sender> sender)
+    : session_(std::move(session)),
+      membership_(std::move(membership)),
+      id_(id),
+      sender_(std::move(sender)),
+      pool_(session_->resources().executor->makePool()),
+      conversation_(termsOf(*session_, membership_)),
+      figures_(session_->resources().figures, *session_->resources().timer) {}
+
+void CameraSession::receive(wire::ClientMessage message) {
+  Refusal refusal;
+  {
+    const std::lock_guard lock(mutex_);
+    if (conversation_.closed()) return;
+    metrics::Metrics& all = *session_->resources().figures;
+    const std::uint64_t mismatches = conversation_.mismatches();
+    refusal = conversation_.receive(message, session_->resources().timer->now());
+    all.mismatches.Increment(static_cast<double>(conversation_.mismatches() - mismatches));
+    if (std::holds_alternative<wire::ResendLeaves>(message)) all.resends.Increment();
+    if (const auto* pose = std::get_if<wire::PoseMessage>(&message); pose && !refusal) figures_.arrived(pose->sequence);
+    if (!refusal) refusal = std::visit([this](auto& m) { return attend(m); }, message);
+    if (!refusal && !wake()) refusal = ErrorMessage{ErrorCode::kInternal, "The server is shutting down."};
+  }
+  if (refusal) refuse(std::move(*refusal));
+}
+
+CameraSession::Refusal CameraSession::attend(const wire::ClockStep& step) {
+  switch (session_->presence().step(id_, step)) {
+    case Clock::Stepped::kBegins:
+    case Clock::Stepped::kQueues:
+    case Clock::Stepped::kNotYours:  // answered with the clock, which names its owner
+      return {};
+    case Clock::Stepped::kNotStepped:
+      return ErrorMessage{ErrorCode::kInvalid, "A step came while the clock runs by itself; set it to stepped first."};
+    case Clock::Stepped::kTooMany:
+      break;
+  }
+  return ErrorMessage{ErrorCode::kLimit, "More than " + std::to_string(Clock::kMaxQueuedSteps) +
+                                             " steps wait for the members: send the next when the clock says that one has begun."};
+}
+
+CameraSession::Refusal CameraSession::attend(wire::Query& query) {
+  if (session_->observer()) noteQuestion(*session_, id_, query.rays.size() + query.x.size(), query);
+  if (!queries_) queries_ = std::make_shared<Queries>(session_, sender_, membership_.budgets);
+  if (queries_->ask(std::move(query))) return {};
+  return ErrorMessage{ErrorCode::kLimit, "More than " + std::to_string(wire::kMaxQueries) +
+                                             " queries wait for their answers: send the next when one has arrived."};
+}
+
+CameraSession::Refusal CameraSession::attend(const wire::AskGround& ask) {
+  if (session_->observer()) noteQuestion(*session_, id_, 1, ask);
+  if (!grounds_)
+    grounds_ = std::make_shared<Grounds>([session = session_] { return session->ground(); }, conversation_.granted().triangleBudget,
+                                         session_->resources().queryQueues().grounds, sender_, Grounds::kTimeout,
+                                         session_->resources().limits.turn);
+  if (grounds_->ask(ask)) return {};
+  return ErrorMessage{ErrorCode::kLimit,
+                      "More than " + std::to_string(wire::kMaxGrounds) + " grounds are open; request the next when one has arrived."};
+}
+
+CameraSession::Refusal CameraSession::attend(const wire::Edit& edit) {
+  constexpr std::size_t kArrived = 2;  // answers that the client may have before their tickets are released here
+  if (*openEdits_ >= wire::kMaxEdits + kArrived)
+    return ErrorMessage{ErrorCode::kLimit, "More than " + std::to_string(wire::kMaxEdits) +
+                                               " edits wait for their answers: send the next when one has arrived."};
+  ++*openEdits_;
+  const auto answer = [sender = sender_, open = openEdits_, id = edit.id](const Outcome<std::uint64_t>& number) {
+    sender->send(number ? wire::EditAnswer{id, *number, {}} : wire::EditAnswer{id, 0, number.error().message}, ticketOf(open));
+  };
+  auto operation = edits::fromJson(edit.operation);
+  if (!session_->resources().limits.takesEdits) {
+    answer(Error{"This session plays a recording; its ground changes as it was recorded."});
+  } else if (!operation) {
+    answer(operation.error());
+  } else {
+    std::string author = edits::toText({membership_.client, conversation_.hello().clientName});
+    session_->edit({edit.key, std::move(author), std::move(*operation)}, membership_.budgets, answer);
+  }
+  return {};
+}
+
+void CameraSession::groundChanged() {
+  const std::lock_guard lock(mutex_);
+  if (!conversation_.runs()) return;
+  conversation_.groundChanged();
+  tellEdits();
+  wake();
+}
+
+void CameraSession::tellEdits() {
+  if (!conversation_.runs() || !conversation_.hello().edits || tells_) return;
+  if (told_ >= session_->ground().edit) return;
+  tells_ = true;
+  session_->editPages().page(told_, [weak = weak_from_this()](const Outcome<EditPages::Page>& page) {
+    if (const auto self = weak.lock()) self->tell(page);
+  });
+}
+
+void CameraSession::tell(const Outcome<EditPages::Page>& page) {
+  if (!page) return refuse({ErrorCode::kInternal, page.error().message});
+  const std::lock_guard lock(mutex_);
+  if (!conversation_.runs()) return;
+  if (page->message) {
+    told_ = page->last;
+    const auto held = std::make_shared<char>();
+    tellWaits_ = held;
+    conversation_.sent(page->message->size(), session_->resources().timer->now());
+    sender_->sendShared(page->message, held);
+  }
+  tellSoon(kEditPause);
+}
+
+// The next page, when the last has left: one at most waits for a client that does not read.
+void CameraSession::tellSoon(std::chrono::milliseconds pause) {
+  const Timer& timer = *session_->resources().timer;
+  timer.at(timer.now() + pause, [weak = weak_from_this()] {
+    const auto self = weak.lock();
+    if (!self) return;
+    const std::lock_guard lock(self->mutex_);
+    if (!self->conversation_.runs()) return;
+    const bool isSlow = !self->tellWaits_.expired() || self->sender_->queuedBytes() > self->session_->resources().limits.maxQueuedBytes;
+    if (isSlow) return self->tellSoon(kQueueRetry);
+    self->tells_ = false;
+    self->tellEdits();
+  });
+}
+
+void CameraSession::close() {
+  const std::lock_guard lock(mutex_);
+  conversation_.close();
+  session_->presence().leave(id_);
+  session_->live().remove(id_);
+  if (grounds_) grounds_->close();
+  grounds_.reset();
+  if (queries_) queries_->close();
+  queries_.reset();
+  wake();
+}
+
+void CameraSession::refuse(ErrorMessage message) {
+  close();
+  sender_->fail(std::move(message));
+}
+
+bool CameraSession::wake() {
+  if (scheduled_) return true;
+  if (!conversation_.closed() && copies_.empty()) {
+    const Timer& timer = *session_->resources().timer;
+    auto due = conversation_.due(sender_->queuedBytes());
+    // Answers and tiles may be what is queued, and nobody tells when they have left.
+    if (!due && conversation_.due(0)) due = timer.now() + kQueueRetry;
+    if (!due) return watchAcknowledgements(), true;
+    if (*due > timer.now()) {
+      if (timerSet_) return true;
+      timerSet_ = true;
+      timer.at(*due, [weak = weak_from_this()] {
+        const auto self = weak.lock();
+        if (!self) return;
+        const std::lock_guard lock(self->mutex_);
+        self->timerSet_ = false;
+        self->wake();
+      });
+      return true;
+    }
+  }
+  scheduled_ = pool_->post([self = shared_from_this()] { self->run(); });
+  return scheduled_;
+}
+
+void CameraSession::watchAcknowledgements() {
+  if (watches_ || !conversation_.runs() || conversation_.replica().hasRoom()) return;
+  watches_ = true;
+  const Timer& timer = *session_->resources().timer;
+  timer.at(timer.now() + kAcknowledgeTimeout, [weak = weak_from_this(), last = conversation_.replica().lastSent()] {
+    const auto self = weak.lock();
+    if (!self) return;
+    {
+      const std::lock_guard lock(self->mutex_);
+      self->watches_ = false;
+      const replica::Replica& replica = self->conversation_.replica();
+      if (!self->conversation_.runs() || replica.hasRoom() || replica.lastSent() != last) return self->watchAcknowledgements();
+    }
+    self->refuse({ErrorCode::kLimit, "No iteration was acknowledged for " + std::to_string(kAcknowledgeTimeout.count()) +
+                                         " minutes: no other is sent before; acknowledge each when it was applied."});
+  });
+}
+
+void CameraSession::run() {
+  bool failed = false;
+  try {
+    std::unique_lock lock(mutex_);
+    const bool copies = !copies_.empty() && conversation_.runs();
+    const auto due = conversation_.due(sender_->queuedBytes());  // messages that came since may have put it off
+    const bool isDue = due && *due <= session_->resources().timer->now();
+    const conversation::Work next = copies || !isDue ? conversation::Work{} : conversation_.next(sender_->queuedBytes());
+    lock.unlock();
+    copies ? workOnCopy() : std::visit([this](const auto& order) { work(order); }, next);
+  } catch (const std::exception& e) {
+    failed = true;
+    mesh_.reset();  // first, so that the refusal finds memory
+    encoder_.reset();
+    copy_.reset();
+    refuse(failureOf(e));
+  }
+  // Moved out under the lock, because another task may follow; destroyed after unlocking.
+  std::unique_ptr<IteratingMesh> freed;
+  std::unique_ptr<encoding::Encoder> encoder;
+  std::vector<TakeCopy> disappointed;
+  {
+    const std::lock_guard lock(mutex_);
+    scheduled_ = false;
+    if (!conversation_.closed()) {
+      wake();
+      return;
+    }
+    freed = std::move(mesh_);
+    encoder = std::move(encoder_);
+    disappointed.swap(copies_);
+    figures_.holds(0, false);
+  }
+  for (const TakeCopy& done : disappointed) done(nullptr);
+  if (freed || failed) session_->note(recording::Left{id_});
+  if (freed || failed) giveMemoryBackSoon(session_->resources());
+}
+
+void CameraSession::work(const conversation::Greet&) {
+  ground_ = session_->ground();
+  const auto& terrain = ground_.terrain;
+  const wire::Hello& hello = conversation_.hello();
+  const wire::Settings& granted = conversation_.granted();
+  const bool shades = !session_->resources().limits.sendsTerrain && terrain->colours();
+  mesh_ = session_->resources().makeMesh(terrain, granted, pool_);
+  encoder_ = std::make_unique<encoding::Encoder>(terrain, pool_, encoding::Form{hello.points, hello.errors, shades});
+  session_->note(recording::Joined{id_, hello.clientName, hello.role, hello.pacing, granted, ground_.edit});
+  // Under the lock: once it has received the world, a client may send anything.
+  const std::lock_guard lock(mutex_);
+  conversation_.greeted();
+  if (!conversation_.runs()) return;
+  session_->use();
+  session_->live().add(id_, weak_from_this());
+  session_->presence().join(id_, hello, sender_, conversation_.newestPose(), worldOf(*session_, granted, id_));
+  session_->presence().setBudget(id_, granted.bytesPerSecond);
+  told_ = std::max(hello.editsAfter, session_->edits().compacted());
+  tellEdits();
+}
+
+bool CameraSession::copy(TakeCopy done) {
+  const std::lock_guard lock(mutex_);
+  if (!conversation_.runs() || conversation_.replica().lastSent() == 0 || copies_.size() >= kMaxCopies) return false;
+  copies_.push_back(std::move(done));
+  return wake();
+}
+
+void CameraSession::workOnCopy() {
+  const Timer& timer = *session_->resources().timer;
+  const auto end = timer.now() + session_->resources().limits.turn;
+  if (!copy_) copy_ = std::make_shared<MeshCopy>();
+  const auto& leaves = mesh_->leaves();
+  while (copy_->leaves.size() < leaves.size()) {
+    if (timer.now() >= end) return;
+    copy_->leaves.push_back(mesh_->extract(leaves[copy_->leaves.size()].address));
+  }
+  std::vector<TakeCopy> copies;
+  {
+    const std::lock_guard lock(mutex_);
+    copy_->iteration = conversation_.replica().lastSent();
+    copy_->meshHash = conversation_.replica().meshHash();
+    copy_->settings = conversation_.granted();
+    copy_->camera = conversation_.pose().camera;
+    copies.swap(copies_);
+  }
+  copy_->effectiveThreshold = effectiveThreshold_;
+  copy_->ground = ground_;
+  const std::shared_ptr<const MeshCopy> made = std::exchange(copy_, nullptr);
+  for (const TakeCopy& done : copies) done(made);
+}
+
+void CameraSession::work(const conversation::SendTiles& wanted) {
+  const auto terrain = session_->terrain();
+  const terrain::Raster& raster = *terrain->raster();
+  wire::HeightTiles message;
+  message.tiles.resize(wanted.tiles.size());
+  pool_->forEach(wanted.tiles.size(), 2, [&](std::size_t k) {
+    const auto tile = std::make_unique<terrain::Tile>();
+    raster.tile(wanted.tiles[k], *tile);
+    message.tiles[k] = {wanted.tiles[k], terrain::encodeTile(*tile), raster.tileColours(wanted.tiles[k])};
+  });
+  {
+    const std::lock_guard lock(mutex_);
+    conversation_.sent(message, session_->resources().timer->now());
+  }
+  sender_->send(std::move(message));
+}
+
+void CameraSession::work(const wire::FindEdits& find) {
+  auto [ground, changed] = session_->edits().since(find.since);
+  wire::FoundEdits message{ground.edit, std::move(changed), {}};
+  if (const auto layer = edits::layerOf(*ground.terrain); layer && find.radius > 0)
+    message.squares = edits::squaresAround(*layer, find.at, find.radius, wire::kMaxFoundSquares);
+  {
+    const std::lock_guard lock(mutex_);
+    conversation_.sent(12 * message.squares.size() + 32 * message.changed.size(), session_->resources().timer->now());
+  }
+  sender_->send(std::move(message));
+}
+
+void CameraSession::work(const conversation::SendSquares& wanted) {
+  const auto ground = session_->ground();
+  const auto layer = edits::layerOf(*ground.terrain);
+  wire::Squares message{ground.edit, {}};
+  std::size_t bytes = 0;
+  for (const terrain::TileAddress address : wanted.squares) {
+    edits::SquareBytes square = layer ? edits::encode(edits::squareOf(*layer, address)) : edits::SquareBytes();
+    bytes += square.rises.size() + square.materials.size() + 16;
+    message.squares.push_back({address, std::move(square.rises), std::move(square.materials)});
+  }
+  {
+    const std::lock_guard lock(mutex_);
+    conversation_.sent(bytes, session_->resources().timer->now());
+  }
+  sender_->send(std::move(message));
+}
+
+std::vector<lattice::Area> CameraSession::followGround() {
+  auto [ground, changed] = session_->edits().since(ground_.edit);
+  if (ground.edit == ground_.edit) return {};
+  ground_ = std::move(ground);
+  mesh_->setGround(ground_.terrain, changed);
+  encoder_->setTerrain(ground_.terrain);
+  return std::move(changed);
+}
+
+void CameraSession::work(const conversation::Iterate& order) {
+  metrics::Metrics& figures = *session_->resources().figures;
+  if (order.granted) {
+    mesh_->change(*order.granted);
+    session_->presence().setBudget(id_, order.granted->bytesPerSecond);
+    sender_->send(wire::Granted{*order.granted});
+  }
+  if (order.insertions) mesh_->setInsertionLimit(*order.insertions);
+  std::vector<lattice::Area> changed = followGround();
+  wire::Iteration iteration;
+  iteration.edit = ground_.edit;
+  iteration.figures = mesh_->iterate(order.pose.camera);
+  figures_.holds(iteration.figures.triangles, iteration.figures.effectiveThreshold > conversation_.granted().threshold);
+  iteration.poseSequence = order.pose.sequence;
+  iteration.settled = mesh_->settled();
+  effectiveThreshold_ = iteration.figures.effectiveThreshold;
+  std::optional<replica::Changes> changes;
+  std::uint32_t candidates = 0;
+  {
+    const std::lock_guard lock(mutex_);
+    changes = conversation_.iterated(mesh_->leaves(), iteration.settled);
+    candidates = conversation_.granted().candidates;
+  }
+  if (session_->observer())
+    session_->note(recording::Iterated{id_, order.granted, iteration.figures.insertionLimit, ground_.edit, std::move(changed),
+                                       order.pose.sequence, order.pose.camera, iteration.settled,
+                                       changes ? changes->meshHash : recording::hashOf(mesh_->leaves())});
+  if (!changes) return figures.iterated(iteration.figures);
+  const auto start = std::chrono::steady_clock::now();
+  encoder_->encode(std::move(*changes), *mesh_, iteration);
+  if (candidates > 0) iteration.candidates = mesh_->candidates(candidates);
+  iteration.figures.encodeMs = millisecondsSince(start);
+  figures.iterated(iteration.figures);
+  bool late = false;
+  {
+    const std::lock_guard lock(mutex_);
+    const auto now = session_->resources().timer->now();
+    conversation_.sent(iteration, now);
+    conversation_.sent(session_->presence().takeBytes(id_), now);
+    late = conversation_.isLate();
+  }
+  const std::uint64_t pose = iteration.poseSequence;
+  sender_->send(std::move(iteration), figures_.sent(pose, late));
+}
+
+}  // namespace ridgecast::session

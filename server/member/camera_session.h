@@ -1,0 +1,103 @@
+#pragma once
+// One camera in a session: ties its conversation (server/conversation) to its mesh, its encoder and its pool.
+//
+// An actor: receive() and close() may come from any thread, never wait for an iteration and only record what happened. The work runs as a
+// task of the camera's own pool, at most one at a time and one iteration each, so that many cameras take turns. Actors of their own answer
+// queries and grounds beside the iterations (queries.h, grounds.h).
+
+#include <atomic>
+#include <chrono>
+#include <memory>
+#include <mutex>
+#include <vector>
+
+#include "common/outcome/outcome.h"
+#include "common/wire/messages.h"
+#include "server/conversation/conversation.h"
+#include "server/encoding/encoder.h"
+#include "server/member/camera_figures.h"
+#include "server/questions/grounds.h"
+#include "server/questions/queries.h"
+#include "server/scheduling/pool.h"
+#include "server/session/sender.h"
+#include "server/session/session.h"
+
+namespace ridgecast::session {
+
+class CameraSession final : public LiveCamera, public std::enable_shared_from_this<CameraSession> {
+ public:
+  CameraSession(std::shared_ptr<Session> session, Membership membership, std::uint64_t id, std::shared_ptr<Sender> sender);
+
+  void receive(wire::ClientMessage message);
+  // The client is gone: sends nothing more; a task of the pool frees the mesh.
+  void close();
+
+  void groundChanged() override;
+
+  // A few milliseconds at a time, so that other cameras get their turns; at most kMaxCopies requests wait.
+  bool copy(TakeCopy done) override;
+  static constexpr std::size_t kMaxCopies = 16;
+
+  // A client whose window has been full this long without an acknowledgement is sent away.
+  static constexpr std::chrono::minutes kAcknowledgeTimeout{5};
+
+  std::uint64_t id() const { return id_; }
+
+ private:
+  using Refusal = conversation::Conversation::Refusal;
+
+  // Under the lock: messages that others answer.
+  Refusal attend(const wire::ClockStep& step);
+  Refusal attend(wire::Query& query);
+  Refusal attend(const wire::AskGround& ask);
+  Refusal attend(const wire::Edit& edit);
+  Refusal attend(const auto& message) {
+    if constexpr (requires { session_->presence().receive(id_, message); }) session_->presence().receive(id_, message);
+    return {};
+  }
+  void tellEdits();  // under the lock: those that this client was not told of, if it wants them
+  void tell(const Outcome<EditPages::Page>& page);
+  void tellSoon(std::chrono::milliseconds pause);  // under the lock
+  bool wake();                                     // under the lock; false: the pool accepts no more
+  void watchAcknowledgements();
+
+  void refuse(wire::ErrorMessage message);
+  void run();
+  // The possible kinds of work.
+  void work(std::monostate) {}
+  void work(const conversation::Greet&);
+  void work(const conversation::SendTiles& wanted);
+  void work(const wire::FindEdits& find);
+  void work(const conversation::SendSquares& wanted);
+  void work(const conversation::Iterate& order);
+  void workOnCopy();
+  std::vector<lattice::Area> followGround();  // the mesh, if there were edits; returns where it changed
+
+  const std::shared_ptr<Session> session_;
+  const Membership membership_;
+  const std::uint64_t id_;
+  const std::shared_ptr<Sender> sender_;
+  const std::shared_ptr<scheduling::Pool> pool_;
+
+  mutable std::mutex mutex_;
+  conversation::Conversation conversation_;
+  bool scheduled_ = false;  // a task is queued or runs
+  bool timerSet_ = false, watches_ = false;
+  CameraFigures figures_;
+  std::vector<TakeCopy> copies_;      // requested
+  std::shared_ptr<Queries> queries_;  // once one was sent
+  std::shared_ptr<Grounds> grounds_;
+  std::shared_ptr<std::atomic<std::size_t>> openEdits_ = std::make_shared<std::atomic<std::size_t>>(0);  // not yet answered and sent
+  std::uint64_t told_ = 0;                                                                               // edits that the client knows
+  bool tells_ = false;                                                                                   // tell() will be called
+  std::weak_ptr<const void> tellWaits_;                                                                  // the last page, until it has left
+
+  // Of the running task alone.
+  std::unique_ptr<IteratingMesh> mesh_;
+  std::unique_ptr<encoding::Encoder> encoder_;
+  double effectiveThreshold_ = 0;
+  Ground ground_;                   // that the mesh knows
+  std::shared_ptr<MeshCopy> copy_;  // being made
+};
+
+}  // namespace ridgecast::session

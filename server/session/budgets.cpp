@@ -1,0 +1,28 @@
+#include "server/session/budgets.h"
+
+#include <algorithm>
+
+namespace ridgecast::session {
+
+Outcome<std::uint64_t> Budgets::spendEdit(const edits::Operation& operation, std::size_t bytes, Time now) {
+  const auto owed = std::max(edits.free() - now - kEditDebt, editBytes.free() - now - kEditBytesDebt);
+  if (owed.count() > 0)
+    return Error{"Too many or too large edits at once; send it again in " +
+                 std::to_string(std::chrono::ceil<std::chrono::milliseconds>(owed).count()) + " ms."};
+  editBytes.spend(now, bytes);
+  const auto area = static_cast<std::uint64_t>(std::min(edits::areaOf(operation).count(), edits::kMaxPosts));
+  const std::uint64_t posts = std::max(area, kMinEditedPosts);
+  edits.spend(now, posts);
+  return posts;
+}
+
+std::shared_ptr<Budgets> BudgetsByClient::of(const std::string& client, Budgets::Time now) {
+  if (client.empty()) return std::make_shared<Budgets>();
+  const std::lock_guard lock(mutex_);
+  std::erase_if(budgets_, [&](const auto& entry) { return entry.second.use_count() == 1 && entry.second->areFull(now); });
+  auto& own = budgets_[client];
+  if (!own) own = std::make_shared<Budgets>();
+  return own;
+}
+
+}  // namespace ridgecast::session

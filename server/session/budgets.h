@@ -1,0 +1,60 @@
+#pragma once
+// What one client may spend on all its connections together: heights of answers, repairs, edits, and bytes of messages. Any thread.
+
+#include <chrono>
+#include <cstddef>
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <string>
+
+#include "common/edits/operation.h"
+#include "common/outcome/outcome.h"
+#include "server/conversation/conversation.h"
+
+namespace ridgecast::session {
+
+// Terrain heights for one client's answers: a fifth of a thread, or a thousand of the farthest rays.
+inline constexpr std::uint64_t kHeightsPerSecond = 8'000'000;
+
+// Posts that one client's edits look at; each counts as kMinEditedPosts at least. An edit is accepted while earlier ones owe at most
+// kEditDebt: 100 small ones at once.
+inline constexpr std::uint64_t kEditedPostsPerSecond = 4'000'000, kMinEditedPosts = 10'000;
+inline constexpr std::chrono::milliseconds kEditDebt{250};
+// Bytes of one client's edits, as edit_store::Applied::bytes, and how long earlier ones may owe when another is accepted: two large stamps.
+inline constexpr std::uint64_t kEditedBytesPerSecond = 256u << 10;
+inline constexpr std::chrono::milliseconds kEditBytesDebt{1000};
+
+// Bytes of messages on one client's streams. The socket's threads decode them, 128 KiB in two milliseconds at worst.
+inline constexpr std::uint64_t kMessageBytesPerSecond = 12u << 20;
+
+struct Budgets {
+  using Time = conversation::Budget::Clock::time_point;  // of the session's timer
+
+  conversation::SharedBudget queries{kHeightsPerSecond}, repairs{conversation::kRepairBytesPerSecond};
+  conversation::SharedBudget edits{kEditedPostsPerSecond}, editBytes{kEditedBytesPerSecond}, messages{kMessageBytesPerSecond};
+  // Spends an edit's bytes and posts, and returns the number of posts, unless earlier edits are not paid for yet. Error: one sentence.
+  Outcome<std::uint64_t> spendEdit(const edits::Operation& operation, std::size_t bytes, Time now);
+  // Charges the posts that a made edit looked at beyond those spent: an undo makes other edits again.
+  void spendRest(std::uint64_t spent, std::uint64_t looked, Time now) {
+    if (looked > spent) edits.spend(now, looked - spent);
+  }
+  // New ones could spend no more.
+  bool areFull(Time now) const {
+    return queries.isFull(now) && repairs.isFull(now) && edits.isFull(now) && editBytes.isFull(now) && messages.isFull(now);
+  }
+};
+
+// The budgets of all clients. They outlive the client's connections until they are full again.
+class BudgetsByClient {
+ public:
+  // `client`: as http::Request::client; empty: unknown, shared with nobody.
+  std::shared_ptr<Budgets> of(const std::string& client, Budgets::Time now);
+
+ private:
+  std::mutex mutex_;
+  std::map<std::string, std::shared_ptr<Budgets>> budgets_;
+};
+
+}  // namespace ridgecast::session

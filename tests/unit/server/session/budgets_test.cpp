@@ -1,0 +1,55 @@
+// What one client may spend, however many connections it has.
+#include "server/session/budgets.h"
+
+#include <gtest/gtest.h>
+
+#include <chrono>
+#include <memory>
+
+namespace ridgecast::session {
+namespace {
+
+using namespace std::chrono_literals;
+
+TEST(Budgets, BytesOfEditsHaveABudget) {
+  Budgets budgets;
+  const edits::Operation small{edits::Raise{{0, 0}, edits::kMinRadius, 0, 256}, 0};
+  const conversation::Budget::Clock::time_point begin{1h}, end = begin + 10s;
+  constexpr std::size_t kBytes = 128u << 10;
+  std::uint64_t made = 0;
+  for (auto now = begin; now < end; now += 1ms) made += budgets.spendEdit(small, kBytes, now) ? 1 : 0;
+  constexpr std::uint64_t kASecond = kEditedBytesPerSecond / kBytes;
+  EXPECT_GE(made, 10 * kASecond);
+  EXPECT_LE(made, 10 * kASecond + kASecond + kASecond / 4 + 1) << "a quarter of a second that was saved up, and one that is owed";
+  EXPECT_FALSE(budgets.spendEdit(small, 1, end));
+  EXPECT_FALSE(budgets.areFull(end + 1s));
+}
+
+// Connections come and go, as with HTTP: each asks for its client's budgets, spends, and lets them go.
+TEST(Budgets, OfAClientAreForgottenWhenTheyAreFullAndNotBefore) {
+  BudgetsByClient all;
+  const edits::Operation small{edits::Raise{{0, 0}, edits::kMinRadius, 0, 256}, 0};
+  const conversation::Budget::Clock::time_point begin{1h}, end = begin + 10s;
+  std::uint64_t made = 0;
+  for (auto now = begin; now < end; now += 1ms) made += all.of("a", now)->spendEdit(small, 100, now) ? 1 : 0;
+  constexpr std::uint64_t kASecond = kEditedPostsPerSecond / kMinEditedPosts;
+  EXPECT_GE(made, 10 * kASecond);
+  EXPECT_LE(made, 10 * kASecond + kASecond / 2 + 1) << "a quarter of a second that was saved up, and one that is owed";
+
+  std::weak_ptr<Budgets> own = all.of("a", end);
+  const auto paid = own.lock()->edits.free();
+  all.of("b", paid);
+  EXPECT_FALSE(own.expired()) << "its credit is not saved up";
+  all.of("b", paid + 250ms);
+  EXPECT_TRUE(own.expired());
+
+  own = all.of("a", end);
+  own.lock()->queries.spend(end, kHeightsPerSecond);
+  all.of("b", end + 999ms);
+  EXPECT_FALSE(own.expired());
+  all.of("b", end + 1s);
+  EXPECT_TRUE(own.expired());
+}
+
+}  // namespace
+}  // namespace ridgecast::session
