@@ -25,9 +25,9 @@
 #include <system_error>
 #include <vector>
 
+#include "common/glsl/probe.h"
+#include "common/raster/raster_terrain.h"
 #include "common/text/text.h"
-#include "common/user_terrain/probe.h"
-#include "common/user_terrain/raster_terrain.h"
 #include "server/config/config.h"
 #include "server/directory/directory.h"
 #include "server/edits_command.h"
@@ -195,7 +195,7 @@ int serve(const config::Config& config, const sigset_t& signals, const BeginServ
                                                                                const std::stop_token& stop) {
     auto made = user_terrain::load(requestOf(spec), warn, stop);
     if (made) {
-      if (const terrain::Raster* map = (*made)->raster()) logging::info("height map " + spec.terrain + ": " + user_terrain::describe(*map));
+      if (const terrain::Raster* map = (*made)->raster()) logging::info("height map " + spec.terrain + ": " + raster::describe(*map));
       return made;
     }
     const std::string& full = made.error().message;
@@ -232,7 +232,7 @@ int serve(const config::Config& config, const sigset_t& signals, const BeginServ
   if (!config.portFile.empty() && !writePortFile(config.portFile, server->port()))
     return refuse("Cannot write the port file '" + config.portFile.string() + "'; name a file in a folder that can be written.");
   if (!server->adminUrl().empty()) logging::info("admin port at " + server->adminUrl());
-  if (const terrain::Raster* map = (*terrain)->raster()) logging::info("height map: " + user_terrain::describe(*map));
+  if (const terrain::Raster* map = (*terrain)->raster()) logging::info("height map: " + raster::describe(*map));
   logging::info("listening on " + server->url() + " with " + std::to_string(executor.threads()) + " threads, terrain " +
                 std::string((*terrain)->name()) + ", seed " + std::to_string((*terrain)->seed()));
 
@@ -288,7 +288,7 @@ int healthy(int argc, char** argv) {
 
 int main(int argc, char** argv) {
   if (argc > 1 && std::string_view(argv[1]) == "healthy") return healthy(argc - 1, argv + 1);
-  if (const auto status = user_terrain::asProbe(argc, argv)) return *status;
+  if (const auto status = glsl::asProbe(argc, argv)) return *status;
   if (argc > 1 && std::string_view(argv[1]) == "snapshot") return runSnapshotCommand(argc - 1, argv + 1, environ);
   if (argc > 1 && std::string_view(argv[1]) == "edits") return runEditsCommand(argc - 1, argv + 1, environ);
   if (argc > 1 && std::string_view(argv[1]) == "replay") return runReplayCommand(argc - 1, argv + 1, environ, serveBySettings);

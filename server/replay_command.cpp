@@ -65,7 +65,7 @@ void nameTerrain(const recording::World& world, user_terrain::Request& request) 
   if (request.terrain == user_terrain::Request().terrain) request.terrain = world.terrain;
   request.seed = world.seed;
   request.parameters = world.parameters;
-  request.colours = world.colours;
+  request.build.colours = world.colours;
 }
 
 // Error: there is no such terrain, or it is not the recorded one.

@@ -2,8 +2,8 @@
 
 #include "client/c/boundary.h"
 #include "common/ground/ground.h"
+#include "common/process/child.h"
 #include "common/user_terrain/catalogue.h"
-#include "common/user_terrain/child.h"
 
 namespace ridgecast::c {
 
@@ -60,16 +60,15 @@ Outcome<user_terrain::Request> requestOf(const char* name, const rc_terrain_opti
   for (std::size_t at = 0; at < raster.size();) {
     const std::size_t end = std::min(raster.find(' ', at), raster.size());
     if (end > at)
-      if (auto added = user_terrain::addRasterOption(std::string_view(raster).substr(at, end - at), request.raster); !added)
-        return added.error();
+      if (auto added = raster::addRasterOption(std::string_view(raster).substr(at, end - at), request.raster); !added) return added.error();
     at = end + 1;
   }
   if (options.program)
-    request.prober = options.program;
+    request.build.prober = options.program;
   else if (request.terrain.ends_with(".glsl")) {
-    const auto found = user_terrain::findProgram("ridgecast-server");
+    const auto found = process::findProgram("ridgecast-server");
     if (!found) return Error{"a terrain file is tried by ridgecast-server first, which is not in PATH: say where it is"};
-    request.prober = *found;
+    request.build.prober = *found;
   }
   return request;
 }

@@ -12,7 +12,7 @@
 #include "common/edits/edited_terrain.h"
 #include "common/edits/history.h"
 #include "common/edits/json.h"
-#include "common/user_terrain/declaration.h"
+#include "common/glsl/declaration.h"
 #include "common/wire/wire.h"
 
 namespace ridgecast::query {
@@ -43,9 +43,9 @@ std::shared_ptr<const terrain::Terrain> builtInOf(const wire::World& world) {
   if (here == all.end()) return nullptr;
   terrain::Parameters parameters;
   if (world.terrainSource != here->source) {
-    const auto declared = user_terrain::readDeclaration(world.terrainName, world.terrainSource);
+    const auto declared = glsl::readDeclaration(world.terrainName, world.terrainSource);
     if (!declared || declared->parameters.size() != here->parameters) return nullptr;
-    parameters = {user_terrain::valuesOf(world.terrainSource, *declared), world.terrainSource};
+    parameters = {glsl::valuesOf(world.terrainSource, *declared), world.terrainSource};
   }
   auto terrain = terrain::create(world.terrainName, world.seed, std::move(parameters));
   if (!terrain || terrain::contentHash(**terrain) != world.contentHash) return nullptr;

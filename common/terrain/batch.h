@@ -1,6 +1,6 @@
 // The loop over points around a terrain function. No include guard and no other header: included inside the terrain's namespace or struct,
 // after prelude.glsl and the terrain, by the translation units of the built-in terrains and, as text, by those of a person's own file.
-// RIDGECAST_STEPS_LEFT, when defined, is a counter that the terrain's loops run down (common/user_terrain/translate.h); it is wound up for
+// RIDGECAST_STEPS_LEFT, when defined, is a counter that the terrain's loops run down (common/glsl/translate.h); it is wound up for
 // every point, and a point at which it ran out gets kOutOfSteps instead of a height.
 
 static constexpr int kBlock = 256;  // points; the scratch arrays stay in the first-level cache

@@ -3,7 +3,7 @@
 // symbol (the linker would keep one of them, and an AVX-512 function might then run on a machine without). Everything is one lane; the
 // loop around it is what the compiler vectorises. Integers wrap (compile with -fwrapv). Nothing here can trap or reach outside its
 // operands, whatever a person's file does with it: see over, rem, Array and the index operators.
-// Raw GLSL compiles only where it keeps to what C++ reads alike (README.md); common/user_terrain rewrites the rest: swizzles, arrays,
+// Raw GLSL compiles only where it keeps to what C++ reads alike (README.md); common/glsl rewrites the rest: swizzles, arrays,
 // division, `out`.
 
 using uint = __UINT32_TYPE__;
@@ -223,7 +223,7 @@ using bvec2 = Vector2<bool>;
 using bvec3 = Vector3<bool>;
 using bvec4 = Vector4<bool>;
 
-// Integer division that no operand can make trap: by zero it gives 0. common/user_terrain writes a / b as a / over / b and a % b as
+// Integer division that no operand can make trap: by zero it gives 0. common/glsl writes a / b as a / over / b and a % b as
 // a / rem / b, which C++ groups the same way.
 constexpr float divided(float a, float b) { return a / b; }
 constexpr int divided(int a, int b) { return b == 0 ? 0 : b == -1 ? int(0u - uint(a)) : a / b; }

@@ -82,7 +82,7 @@ std::string_view shading();
 std::string_view beforeEdited();
 std::string edited();
 
-// The texts around a terrain file that is compiled at run time (common/user_terrain): GLSL as C++ before prelude(), the loop over points
+// The texts around a terrain file that is compiled at run time (common/glsl): GLSL as C++ before prelude(), the loop over points
 // after the file.
 std::string_view glslAsCpp();
 std::string_view batch();

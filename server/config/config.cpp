@@ -30,7 +30,7 @@ int listTerrains(const std::filesystem::path& folder) {
     std::cout << e.name << "\n";
     if (!e.summary.empty()) std::cout << "    " << e.summary << "\n";
     if (!e.problem.empty()) std::cout << "    cannot be used: " << e.problem << "\n";
-    for (const user_terrain::Parameter& p : e.parameters) std::cout << "    --param " << user_terrain::describe(p) << "\n";
+    for (const glsl::Parameter& p : e.parameters) std::cout << "    --param " << glsl::describe(p) << "\n";
   }
   return 0;
 }
@@ -85,7 +85,7 @@ void addTerrain(CLI::App& app, Written& w) {
       ->type_name("FILE");
   app.add_option("--terrain-dir", c.terrain.folder, "Folder of terrain files NAME.glsl and height maps, each available as NAME")
       ->type_name("DIR");
-  app.add_option("--terrain-cache", c.terrain.cache, "Folder for compiled terrains; default: your cache folder")->type_name("DIR");
+  app.add_option("--terrain-cache", c.terrain.build.cache, "Folder for compiled terrains; default: your cache folder")->type_name("DIR");
   app.add_flag("--watch", c.watch, "Reload terrain files when they are saved; a file with errors changes nothing");
   app.add_flag("--private-terrain", w.isPrivate,
                "Never send the terrain's text or samples; send colours and normals with the vertices instead");
@@ -189,19 +189,19 @@ std::optional<Error> parseAll(const std::vector<std::string>& texts, Outcome<T> 
 Outcome<Config> finish(Written&& w) {
   Config& c = w.config;
   c.limits.sendsTerrain = !w.isPrivate;
-  c.terrain.colours = w.isPrivate;
-  c.terrain.prober = "/proc/self/exe";  // main() calls asProbe
+  c.terrain.build.colours = w.isPrivate;
+  c.terrain.build.prober = "/proc/self/exe";  // main() calls asProbe
   // Absolute, so that what clients are told can leave the folders out (text::withoutFolders).
   if (std::filesystem::path(c.terrain.terrain).has_parent_path()) c.terrain.terrain = std::filesystem::absolute(c.terrain.terrain);
   for (std::filesystem::path* path : {&c.terrain.folder, &c.terrain.raster.drape})
     if (!path->empty()) *path = std::filesystem::absolute(*path);
-  if (const auto error = parseAll(w.parameters, user_terrain::parseAssignment, c.terrain.parameters)) return *error;
+  if (const auto error = parseAll(w.parameters, glsl::parseAssignment, c.terrain.parameters)) return *error;
   if (const auto error = parseAll(w.trustedProxies, access::Network::parse, c.net.trustedProxies)) return *error;
   if (const auto error = parseAll(w.allowedHosts, access::parseHostName, c.net.allowedHosts)) return *error;
   c.net.tokens.secrets.assign(w.secretFiles.begin(), w.secretFiles.end());
   c.net.tokens.keys.assign(w.keyFiles.begin(), w.keyFiles.end());
   for (const std::string& option : w.raster)
-    if (auto added = user_terrain::addRasterOption(option, c.terrain.raster); !added) return added.error();
+    if (auto added = raster::addRasterOption(option, c.terrain.raster); !added) return added.error();
   c.limits.mesh.defaultBudget = std::min(c.limits.mesh.defaultBudget, c.limits.mesh.maxBudget);
   if (c.limits.maxTotalTriangles == 0) c.limits.maxTotalTriangles = memory::available() / 2 / session::kBytesPerTriangle;
   if (c.limits.maxTotalTriangles != 0)

@@ -238,7 +238,7 @@ Route terrainsRoute(std::optional<std::filesystem::path> folder) {
     for (const user_terrain::Entry& entry : *entries) {
       if (!entry.problem.empty()) continue;
       Json parameters = Json::array();
-      for (const user_terrain::Parameter& p : entry.parameters)
+      for (const glsl::Parameter& p : entry.parameters)
         parameters.push_back(
             {{"name", p.name}, {"default", p.value}, {"least", p.least}, {"most", p.most}, {"unit", p.unit}, {"summary", p.summary}});
       terrains.push_back({{"name", entry.name}, {"summary", entry.summary}, {"parameters", parameters}});

@@ -1,4 +1,4 @@
-// The only includer of libjpeg; with common/user_terrain/png_file.cpp of libpng.
+// The only includer of libjpeg; with common/raster/png_file.cpp of libpng.
 
 #include "server/map/picture.h"
 

@@ -31,7 +31,7 @@ struct World {
   std::uint32_t seed = 1;
   std::vector<std::pair<std::string, double>> parameters{};  // those that differ from the terrain's defaults
   std::uint64_t contentHash = 0;                             // terrain::contentHash, without edits
-  bool colours = false;                                      // the terrain was made with colours (user_terrain::Request::colours)
+  bool colours = false;                                      // the terrain was made with colours (glsl::Build::colours)
   std::string server{};                                      // name and version of the program that recorded
   std::int64_t began = 0;                                    // microseconds since 1970
   friend bool operator==(const World&, const World&) = default;

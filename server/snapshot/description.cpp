@@ -3,9 +3,9 @@
 #include <nlohmann/json.hpp>
 #include <utility>
 
+#include "common/glsl/declaration.h"
 #include "common/terrain/raster.h"
 #include "common/text/text.h"
-#include "common/user_terrain/declaration.h"
 #include "server/earth/earth.h"
 
 namespace ridgecast::snapshot {
@@ -18,8 +18,8 @@ using lattice::metres;
 
 Json parametersOf(const terrain::Terrain& terrain) {
   Json out = Json::object();
-  if (const auto declaration = user_terrain::readDeclaration(terrain.name(), terrain.source()))
-    for (const user_terrain::Parameter& p : declaration->parameters) out[p.name] = p.value;
+  if (const auto declaration = glsl::readDeclaration(terrain.name(), terrain.source()))
+    for (const glsl::Parameter& p : declaration->parameters) out[p.name] = p.value;
   return out;
 }
 

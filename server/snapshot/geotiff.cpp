@@ -8,10 +8,10 @@
 #include <vector>
 
 #include "common/edits/edited_terrain.h"
+#include "common/raster/gdal.h"
 #include "common/terrain/raster.h"
 #include "common/text/file.h"
 #include "common/text/text.h"
-#include "common/user_terrain/gdal.h"
 
 namespace ridgecast::snapshot {
 namespace {
@@ -90,7 +90,7 @@ bool writeSamples(const terrain::Terrain& terrain, const OfGrid& grid, const std
 
 Result<std::string> writeGeoTiff(const terrain::Terrain& terrain, const OfGrid& grid, bool tellsPlace, const std::string& description,
                                  scheduling::Pool& pool, const box::Watch& watch, Progress* progress) {
-  auto gdal = user_terrain::Gdal::find("GDAL's programs write GeoTIFFs", watch.stop);
+  auto gdal = raster::Gdal::find("GDAL's programs write GeoTIFFs", watch.stop);
   if (!gdal) return Problem{Problem::Kind::kFailed, gdal.error().message + "."};
   if (!writeSamples(terrain, grid, gdal->file("heights.f32"), pool, watch, progress)) return noRoom();
   if (watch.over()) return watch.problem();

@@ -11,10 +11,10 @@
 #include <queue>
 #include <stdexcept>
 
+#include "common/raster/raster_terrain.h"
 #include "common/terrain/terrain.h"
 #include "common/text/text.h"
 #include "common/triangulation/triangulation.h"
-#include "common/user_terrain/raster_terrain.h"
 #include "server/box/box_mesh.h"
 #include "server/scheduling/pool.h"
 #include "tests/bench/bench.h"
@@ -180,10 +180,10 @@ Report box(const Options& options) {
       h = static_cast<float>(sample) / 16;
     }
   }
-  user_terrain::RasterOptions how;
+  raster::RasterOptions how;
   how.pitch = 4;
   how.scale = 1.0 / 16;
-  const auto map = user_terrain::loadRaster(file, how, 1);
+  const auto map = raster::loadRaster(file, how, 1);
   std::filesystem::remove(file);
   if (!map) throw std::runtime_error(map.error().message);
 

@@ -4,9 +4,9 @@
 #include <filesystem>
 #include <random>
 
+#include "common/process/scratch.h"
 #include "common/terrain/variants.h"
 #include "common/user_terrain/catalogue.h"
-#include "common/user_terrain/scratch.h"
 #include "tests/bench/bench.h"
 #include "tests/bench/heights_double.h"
 
@@ -45,11 +45,11 @@ Report heights(const Options& options) {
   const auto batch = [&](const terrain::Functions& f) { f.heights(p.x.data(), p.z.data(), out.data(), kPoints, 1, nullptr); };
 
   Report report;
-  auto scratch = user_terrain::Scratch::create();
+  auto scratch = process::Scratch::create();
   user_terrain::Request request;
   request.terrain = RIDGECAST_TUTORIAL;
-  request.prober = "/proc/self/exe";
-  if (scratch) request.cache = scratch->path() / "cache";
+  request.build.prober = "/proc/self/exe";
+  if (scratch) request.build.cache = scratch->path() / "cache";
   const auto user = user_terrain::load(request, nullptr);
   if (!user) report.note("no figures for a person's own file: " + user.error().message);
 

@@ -6,7 +6,7 @@
 #include <exception>
 #include <filesystem>
 
-#include "common/user_terrain/probe.h"
+#include "common/glsl/probe.h"
 #include "tests/bench/bench.h"
 
 namespace ridgecast::bench {
@@ -74,7 +74,7 @@ void print(const Entry& entry, const Report& report, bool json) {
 
 int main(int argc, char** argv) {
   using namespace ridgecast::bench;
-  if (const auto status = ridgecast::user_terrain::asProbe(argc, argv)) return *status;
+  if (const auto status = ridgecast::glsl::asProbe(argc, argv)) return *status;
   Options options;
   options.programFolder = std::filesystem::weakly_canonical(argv[0]).parent_path().string();
   bool json = false;

@@ -13,9 +13,9 @@
 #include <stdexcept>
 #include <thread>
 
+#include "common/process/scratch.h"
 #include "common/terrain/raster.h"
 #include "common/user_terrain/catalogue.h"
-#include "common/user_terrain/scratch.h"
 #include "server/pipeline/pipeline.h"
 #include "tests/support/flight.h"
 #include "tests/support/rays.h"
@@ -27,7 +27,7 @@ struct Wanted {
   std::size_t poses = 200;
   std::uint64_t seed = 1;
   std::string terrain = "alpine";
-  user_terrain::RasterOptions raster;
+  raster::RasterOptions raster;
   double lowest = 1.5, highest = 3000;  // metres above the ground
   double threshold = 1;
   double speed = 0;  // metres a second; 0: at rest
@@ -59,7 +59,7 @@ Wanted read(const std::vector<std::string>& arguments) {
     } else if (name == "--terrain") {
       w.terrain = value;
     } else if (name == "--raster") {
-      if (const auto added = user_terrain::addRasterOption(value, w.raster); !added) throw std::runtime_error(added.error().message);
+      if (const auto added = raster::addRasterOption(value, w.raster); !added) throw std::runtime_error(added.error().message);
     } else if (name == "--altitude") {
       const std::size_t comma = value.find(',');
       if (comma == std::string::npos) throw std::runtime_error("--altitude takes LOW,HIGH in metres");
@@ -98,15 +98,15 @@ std::shared_ptr<const terrain::Terrain> load(const Wanted& wanted, const std::fi
   user_terrain::Request request;
   request.terrain = wanted.terrain;
   request.raster = wanted.raster;
-  request.cache = scratch / "cache";
-  request.prober = "/proc/self/exe";
+  request.build.cache = scratch / "cache";
+  request.build.prober = "/proc/self/exe";
   request.seed = 7;
   if (wanted.terrain == "dunes") request.terrain = RIDGECAST_TUTORIAL;
   if (wanted.terrain == "terraces") request.terrain = RIDGECAST_TERRACES;
   if (wanted.terrain == "wall") {
     request.terrain = (scratch / "wall.r16").string();
     writeMap(request.terrain);
-    for (const char* option : {"pitch=4", "scale=0.5", "edge=0"}) (void)user_terrain::addRasterOption(option, request.raster);
+    for (const char* option : {"pitch=4", "scale=0.5", "edge=0"}) (void)raster::addRasterOption(option, request.raster);
   }
   auto loaded = user_terrain::load(request, nullptr);
   if (!loaded) throw std::runtime_error(loaded.error().message);
@@ -188,7 +188,7 @@ void writePath(const std::filesystem::path& file, const Wanted& wanted, const ca
 
 Report errorOfRandomPoses(const Options& options) {
   const Wanted wanted = read(options.arguments);
-  auto scratch = user_terrain::Scratch::create();
+  auto scratch = process::Scratch::create();
   if (!scratch) throw std::runtime_error(scratch.error().message);
   const auto terrain = load(wanted, scratch->path());
   const std::vector<camera::Camera> poses = randomPoses(*terrain, wanted);

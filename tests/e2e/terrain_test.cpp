@@ -14,7 +14,7 @@
 #include "client/link/client.h"
 #include "client/render/context.h"
 #include "client/render/picture.h"
-#include "common/user_terrain/raster_terrain.h"
+#include "common/raster/raster_terrain.h"
 #include "tests/support/geo_tiff.h"
 #include "tests/support/process.h"
 #include "tests/support/server_process.h"
@@ -118,9 +118,9 @@ TEST_F(TerrainFlight, DetailOnAMapIsTheSameGroundOnEverySide) {
   ASSERT_EQ(answer.size() - answer.find("\r\n\r\n") - 4, 4 * told.size()) << answer.substr(0, 300);
   std::memcpy(told.data(), &answer[answer.size() - 4 * told.size()], 4 * told.size());
   // Of the file, as every program that links the library has it.
-  user_terrain::RasterOptions options;
-  for (const std::string& option : how) ASSERT_TRUE(user_terrain::addRasterOption(option, options));
-  const auto terrain = user_terrain::loadRaster(map, options, 1).value();
+  raster::RasterOptions options;
+  for (const std::string& option : how) ASSERT_TRUE(raster::addRasterOption(option, options));
+  const auto terrain = raster::loadRaster(map, options, 1).value();
   terrain->heights(x, z, own);
   EXPECT_EQ(told, own);
   // Of the tiles that a client gets, for the march.

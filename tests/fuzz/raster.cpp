@@ -9,7 +9,7 @@
 #include <string>
 #include <vector>
 
-#include "common/user_terrain/raster_file.h"
+#include "common/raster/raster_file.h"
 
 // GDAL's programs are not ours to fuzz.
 extern "C" int LLVMFuzzerInitialize(int*, char***) { return setenv("PATH", "/nowhere", 1); }
@@ -21,13 +21,13 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   const std::string file =
       "/dev/shm/N47E011-fuzz-raster-" + std::to_string(getpid()) + kEndings[data[0] & 32 ? 4 + data[0] % 2 : data[0] % 4];
   std::ofstream(file, std::ios::binary).write(reinterpret_cast<const char*>(data + 1), static_cast<std::streamsize>(size - 1));
-  user_terrain::RasterOptions options;
+  raster::RasterOptions options;
   options.bigEndian = data[0] & 4;
   options.isSigned = data[0] & 8;
   if (data[0] & 16) options.width = 3, options.height = 2;
-  auto opened = data[0] & 64 ? user_terrain::openPicture(file) : user_terrain::openRaster(file, options);
+  auto opened = data[0] & 64 ? raster::openPicture(file) : raster::openRaster(file, options);
   if (opened) {
-    const user_terrain::RasterHeader& header = (*opened)->header();
+    const raster::RasterHeader& header = (*opened)->header();
     if (header.width == 0 || header.height == 0) std::abort();
     std::vector<double> row(std::size_t{header.width} * header.bands);
     for (std::uint32_t j = 0; j < header.height && (*opened)->row(row); ++j) continue;

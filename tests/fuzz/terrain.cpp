@@ -4,9 +4,9 @@
 #include <cstdlib>
 #include <string_view>
 
-#include "common/user_terrain/check.h"
-#include "common/user_terrain/declaration.h"
-#include "common/user_terrain/tokens.h"
+#include "common/glsl/check.h"
+#include "common/glsl/declaration.h"
+#include "common/glsl/tokens.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   using namespace ridgecast::user_terrain;

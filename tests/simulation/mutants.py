@@ -179,7 +179,7 @@ MUTANTS = [
     ("server/quadtree/quadtree.cpp", "const double merges = side / kMerge,", "const double merges = side / kSplit,", "test quadtree_test"),
     # Memory.
     ("common/codec/codec.cpp", "b >= vertices || c >= vertices", "b >= vertices || c > vertices", "asan codec_test"),
-    ("common/user_terrain/tiff_file.cpp", "buffer_.resize(rowBytes_ * (tileWidth_ ? tileHeight_ : 1));", "buffer_.resize(rowBytes_);",
+    ("common/raster/tiff_file.cpp", "buffer_.resize(rowBytes_ * (tileWidth_ ? tileHeight_ : 1));", "buffer_.resize(rowBytes_);",
      "asan raster_files_test"),
     ("common/points/points.cpp", "std::min(number(n, static_cast<std::uint32_t>(std::abs(v))), 1u << 30)",
      "number(n, static_cast<std::uint32_t>(std::abs(v)))", "asan points_test"),

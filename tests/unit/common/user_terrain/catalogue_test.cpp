@@ -15,11 +15,11 @@
 #include <cmath>
 #include <fstream>
 
+#include "common/glsl/library.h"
+#include "common/glsl/probe.h"
+#include "common/process/child.h"
+#include "common/process/scratch.h"
 #include "common/terrain/variants.h"
-#include "common/user_terrain/child.h"
-#include "common/user_terrain/library.h"
-#include "common/user_terrain/probe.h"
-#include "common/user_terrain/scratch.h"
 #include "tests/support/sanitized.h"
 #include "tests/unit/common/terrain/points.h"
 
@@ -37,7 +37,8 @@ constexpr std::string_view kColour =
 class Files : public testing::Test {
  protected:
   void SetUp() override {
-    if (!findProgram("glslangValidator") || !(findProgram("g++") || findProgram("c++"))) GTEST_SKIP() << "needs glslangValidator and g++";
+    if (!process::findProgram("glslangValidator") || !(process::findProgram("g++") || process::findProgram("c++")))
+      GTEST_SKIP() << "needs glslangValidator and g++";
   }
   path write(const std::string& name, const std::string& text) const {
     path file = folder_.path() / name;
@@ -47,8 +48,8 @@ class Files : public testing::Test {
   Request request(const path& file) const {
     Request r;
     r.terrain = file.string();
-    r.cache = folder_.path() / "cache";
-    r.prober = RIDGECAST_SERVER;
+    r.build.cache = folder_.path() / "cache";
+    r.build.prober = RIDGECAST_SERVER;
     return r;
   }
   // A terrain whose height is these statements.
@@ -68,7 +69,7 @@ class Files : public testing::Test {
     return h;
   }
 
-  Scratch folder_ = Scratch::create().value();
+  process::Scratch folder_ = process::Scratch::create().value();
   std::vector<std::string> complaints_;
   int count_ = 0;
 };
@@ -84,7 +85,7 @@ TEST_F(Files, WhateverIsCompiledTheProcessIsNeverCopied) {
 
 // Whoever tries a terrain file has room for its variables and no more: the library asks for 256 MiB and says 1 m where it did not get them.
 TEST(Probe, LimitsTheMemoryOfItsChild) {
-  const auto tried = probe("greedy.glsl", RIDGECAST_GREEDY_TERRAIN, 1, RIDGECAST_SERVER);
+  const auto tried = glsl::probe("greedy.glsl", RIDGECAST_GREEDY_TERRAIN, 1, RIDGECAST_SERVER);
   EXPECT_TRUE(tried) << tried.error().message << ": it was given 256 MiB";
 }
 
@@ -96,7 +97,7 @@ TEST_F(Files, translationKeepsEveryBitOfTheBuiltInTerrains) {
     const auto original = terrain::create(d.name, 77).value();
     for (const terrain::Variant& v : terrain::variants()) {
       Request r = request(file);
-      r.variant = v.name;
+      r.build.variant = v.name;
       r.seed = 77;
       const auto copy = load(r, nullptr);
       ASSERT_TRUE(copy) << copy.error().message;
@@ -117,16 +118,16 @@ TEST_F(Files, translationKeepsEveryBitOfTheBuiltInTerrains) {
 // Values of a built-in terrain's parameters are read by the code that is there; compiled into a copy of the file they give the same bits.
 TEST_F(Files, parametersOfBuiltInTerrainsNeedNoCompiler) {
   for (const terrain::Description& d : terrain::builtIn()) {
-    const auto declaration = readDeclaration(d.name, d.source);
+    const auto declaration = glsl::readDeclaration(d.name, d.source);
     ASSERT_TRUE(declaration);
     ASSERT_EQ(declaration->parameters.size(), d.parameters) << d.name;
-    EXPECT_EQ(valuesOf(d.source, *declaration).size(), d.parameters);
+    EXPECT_EQ(glsl::valuesOf(d.source, *declaration).size(), d.parameters);
     Request own = request(d.name), copied = request(write("copy-of-" + std::string(d.name) + ".glsl", std::string(d.source)));
     own.seed = copied.seed = 5;
-    for (const Parameter& p : declaration->parameters) own.parameters.emplace_back(p.name, p.least + 0.37 * (p.most - p.least));
+    for (const glsl::Parameter& p : declaration->parameters) own.parameters.emplace_back(p.name, p.least + 0.37 * (p.most - p.least));
     copied.parameters = own.parameters;
     const auto a = load(own, nullptr);
-    EXPECT_EQ(exists(own.cache), d.name != terrain::builtIn()[0].name) << "nothing was compiled before the first copy";
+    EXPECT_EQ(exists(own.build.cache), d.name != terrain::builtIn()[0].name) << "nothing was compiled before the first copy";
     const auto b = load(copied, nullptr);
     ASSERT_TRUE(a && b);
     EXPECT_EQ((*a)->source(), (*b)->source());
@@ -396,7 +397,7 @@ TEST_F(Files, foldersOfferTerrainsByName) {
 
 TEST(Catalogue, RasterOptionsOfOtherTerrainsAreRefused) {
   Request request;
-  ASSERT_TRUE(addRasterOption("pitch=3", request.raster));
+  ASSERT_TRUE(raster::addRasterOption("pitch=3", request.raster));
   for (const char* terrain : {"alpine", "mine.glsl"}) {
     request.terrain = terrain;
     const auto loaded = load(request, {});
@@ -446,7 +447,7 @@ TEST_F(Files, TheCacheKeepsWhatWasUsedLast) {
   std::filesystem::last_write_time(used, old - std::chrono::hours(1));  // the oldest of all
   std::ofstream(cache / "somebody-elses.so") << "mine";
   std::filesystem::last_write_time(cache / "somebody-elses.so", old - std::chrono::hours(2));
-  for (std::size_t k = 0; k < Cache::kMaxKept + 20; ++k) {
+  for (std::size_t k = 0; k < glsl::Cache::kMaxKept + 20; ++k) {
     char name[64];
     std::snprintf(name, sizeof name, "%032zx-baseline.so", k);
     std::ofstream(cache / name) << "old";
@@ -458,7 +459,7 @@ TEST_F(Files, TheCacheKeepsWhatWasUsedLast) {
   const auto loaded = load(second, {});
   ASSERT_TRUE(loaded);
   EXPECT_EQ((*loaded)->height({0, 0}), 3.0);
-  EXPECT_EQ(entries().size(), Cache::kMaxKept + 1);
+  EXPECT_EQ(entries().size(), glsl::Cache::kMaxKept + 1);
   EXPECT_TRUE(std::filesystem::exists(used));
   EXPECT_TRUE(std::filesystem::exists(cache / "somebody-elses.so"));
   EXPECT_FALSE(std::filesystem::exists(cache / (std::string(32, '0') + "-baseline.so")));

@@ -8,10 +8,10 @@
 #include <string>
 #include <vector>
 
+#include "common/process/scratch.h"
 #include "common/terrain/raster.h"
 #include "common/terrain/terrain.h"
 #include "common/user_terrain/catalogue.h"
-#include "common/user_terrain/scratch.h"
 
 namespace ridgecast::user_terrain {
 namespace {
@@ -29,10 +29,10 @@ class FolderOfMaps : public testing::Test {
     Request request;
     request.terrain = name;
     request.folder = folder_.path();
-    for (const std::string& r : raster) EXPECT_TRUE(addRasterOption(r, request.raster));
+    for (const std::string& r : raster) EXPECT_TRUE(raster::addRasterOption(r, request.raster));
     return load(request, nullptr);
   }
-  Scratch folder_ = Scratch::create().value();
+  process::Scratch folder_ = process::Scratch::create().value();
 };
 
 TEST_F(FolderOfMaps, EachIsATerrainByItsName) {
@@ -52,8 +52,8 @@ TEST_F(FolderOfMaps, EachIsATerrainByItsName) {
   EXPECT_THAT(named("hill").error().message, testing::AllOf(HasSubstr("there is no terrain \"hill\""), HasSubstr("flat, peak")));
   Request request;
   request.terrain = "flat", request.folder = folder_.path();
-  ASSERT_TRUE(parseAssignment("height=3"));
-  request.parameters = {*parseAssignment("height=3")};
+  ASSERT_TRUE(glsl::parseAssignment("height=3"));
+  request.parameters = {*glsl::parseAssignment("height=3")};
   EXPECT_THAT(load(request, nullptr).error().message, HasSubstr("\"flat\" is a height map, which has no parameters"));
 }
 

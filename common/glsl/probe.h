@@ -1,0 +1,33 @@
+#pragma once
+// Tries a compiled terrain before the server loads it, in a process of its own under limits of time and memory (RLIMIT_AS, RLIMIT_STACK),
+// at points near the origin and out to the lattice's end: heights, and colours as a snapshot will compute them.
+
+#include <chrono>
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <stop_token>
+#include <string>
+#include <string_view>
+
+#include "common/outcome/outcome.h"
+#include "common/terrain/variants.h"
+
+namespace ridgecast::glsl {
+
+// What is wrong with a height, as a sentence's end ("is not a number", ...); empty: nothing.
+std::string_view faultOf(float height);
+
+// "x 1234.5 m, z -17 m"
+std::string placeText(lattice::Step x, lattice::Step z);
+
+// Starts `program`, whose main() calls asProbe first, to try `library`, which compile() made. Error: the first fault with its position
+// (and line, if the library is traced), a
+// crash, more than `time` of a processor, or a stop.
+Outcome<void> probe(std::string_view file, const std::filesystem::path& library, std::uint32_t seed, const std::filesystem::path& program,
+                    const std::stop_token& stop = {}, std::chrono::seconds time = std::chrono::seconds(20));
+
+// In a process that probe() started: limits itself and tries the library. Its exit status; nothing: the arguments are not probe()'s.
+std::optional<int> asProbe(int argc, char** argv);
+
+}  // namespace ridgecast::glsl
