@@ -1,9 +1,7 @@
 #include "server/net/http.h"
 
 #include <algorithm>
-#include <array>
 #include <boost/asio/as_tuple.hpp>
-#include <boost/asio/awaitable.hpp>
 #include <boost/asio/co_spawn.hpp>
 #include <boost/asio/experimental/awaitable_operators.hpp>
 #include <boost/asio/post.hpp>
@@ -88,27 +86,6 @@ struct Connection {
   int requests = 0;  // that another may follow
 };
 
-// Counts a computed body until it is sent.
-class UnsentBytes {
- public:
-  UnsentBytes(std::shared_ptr<ServerContext> shared, std::size_t bytes) : shared_(std::move(shared)), bytes_(bytes) {
-    shared_->answerBytes += bytes_;
-  }
-  ~UnsentBytes() {
-    {
-      const std::lock_guard lock(shared_->mutex);
-      expects(shared_->answerBytes.fetch_sub(bytes_) >= bytes_, "an answer that is sent was counted");
-    }
-    shared_->fewer.notify_all();
-  }
-  UnsentBytes(const UnsentBytes&) = delete;
-  UnsentBytes& operator=(const UnsentBytes&) = delete;
-
- private:
-  const std::shared_ptr<ServerContext> shared_;
-  const std::size_t bytes_;
-};
-
 // A reply that work makes. The work has it, too: it may end after the client has left, and the exchange with it. On the connection's
 // strand except `asker`.
 struct Awaited {
@@ -118,14 +95,17 @@ struct Awaited {
   std::stop_source asker;      // stopped when the client leaves
   asio::steady_timer changed;  // cancelled when it is over
   std::optional<Reply> reply;
-  std::shared_ptr<const UnsentBytes> unsent;  // its body
+  std::shared_ptr<const void> unsent;  // its body, counted
 };
 
-// A request and its answer.
+// A request and its answer. Each reply says what leads to the next, until one is the answer. No reply: the client has left, or has become
+// a stream.
 //
-//   header -> reply -> body -> reply -> work, while the client is watched and told -> reply -> answer
-//                                                                                          -> stream
-// Each step gives the reply that the next one goes by; nothing: the client has left, or has become a stream.
+//   header --> Reply -- Answer ------------> sent
+//                ^  |-- Upgrade -----------> becomes a stream
+//                |  |-- BodyHandler -------> the body is read
+//                |  '-- DeferredResponse --> the work is done, while the client is watched and told
+//                '----------------------------'
 class Exchange {
  public:
   explicit Exchange(Connection& c) : c_(c), shared_(*c.shared) {}
@@ -145,25 +125,19 @@ class Exchange {
  private:
   std::optional<Reply> replyTo(error_code ec) {
     if (ec == beast::http::error::header_limit || ec == beast::http::error::buffer_overflow)
-      return refuse(431, metrics::Refusal::kHeader,
-                    "The request's header has more than " + std::to_string(shared_.settings.maxHeaderBytes) + " bytes, the limit.");
+      return refused(431, metrics::Refusal::kHeader,
+                     "The request's header has more than " + std::to_string(shared_.settings.maxHeaderBytes) + " bytes, the limit.");
     if (isOfHttp(ec) && ec != beast::http::error::end_of_stream && ec != beast::http::error::partial_message)
-      return refuse(400, metrics::Refusal::kRequest, "This is not an HTTP request (" + ec.message() + ").");
+      return refused(400, metrics::Refusal::kRequest, "This is not an HTTP request (" + ec.message() + ").");
     if (ec == asio::error::operation_aborted && c_.requests == 0) shared_.figures->refused(metrics::Refusal::kTimeout);
     if (ec) return {};
     if (c_.security == Connection::Security::kMissing)
-      return refuse(400, metrics::Refusal::kTls, "This port speaks TLS: use https:// or wss://.");
-    switch (c_.slot.kind()) {
-      case ConnectionSlot::Kind::kAdmin:
-        return adminReply();
-      case ConnectionSlot::Kind::kTooMany:
-        return refuse(503, {},
-                      "This server has " + std::to_string(shared_.settings.maxConnections) + " connections, its limit; try again later.");
-      case ConnectionSlot::Kind::kTooManyOfAddress:
-        return refuseAddress();
-      case ConnectionSlot::Kind::kServed:
-        break;
-    }
+      return refused(400, metrics::Refusal::kTls, "This port speaks TLS: use https:// or wss://.");
+    const ConnectionSlot::Kind kind = c_.slot.kind();
+    if (kind == ConnectionSlot::Kind::kAdmin) return adminReply();
+    if (kind == ConnectionSlot::Kind::kTooManyOfAddress) return tooManyOfAddress();
+    if (kind == ConnectionSlot::Kind::kTooMany)
+      return plain(503, "This server has " + std::to_string(shared_.settings.maxConnections) + " connections, its limit; try again later.");
     return clientReply();
   }
 
@@ -176,7 +150,7 @@ class Exchange {
       if (client != c_.peer) c_.peerName = access::toText(client);
       if (!c_.slot.belongsTo(client)) {
         shared_.figures->refused(metrics::Refusal::kAddress);
-        return refuseAddress();
+        return tooManyOfAddress();
       }
     }
     request.isSecure = c_.security == Connection::Security::kTls || (client != c_.peer && header["X-Forwarded-Proto"] == "https");
@@ -191,8 +165,8 @@ class Exchange {
     const auto session = queryParameter(request.query(), "session");
     sessionName_ = session ? session->substr(0, 100) : std::string();
     if (request.upgrade && hasBody())
-      return refuse(400, metrics::Refusal::kRequest, "Something follows the request before the upgrade is answered.");
-    setAside(std::holds_alternative<BodyHandler>(reply));
+      return refused(400, metrics::Refusal::kRequest, "Something follows the request before the upgrade is answered.");
+    setAside();
     ifNoneMatch_ = header[beast::http::field::if_none_match];
     wantsProgress_ = header.version() == 11 && header["Prefer"].find("progress") != beast::string_view::npos;
     return reply;
@@ -210,24 +184,19 @@ class Exchange {
 
   bool hasBody() const { return parser_.chunked() || parser_.content_length().value_or(0) > 0; }
 
+  bool mayKeepAlive() const { return parser_.keep_alive() && shared_.ready && c_.requests < kMaxRequests; }
+
   // What the answer needs of the request.
-  void setAside(bool readsBody = false) {
-    keepAlive_ = parser_.keep_alive() && shared_.ready && (readsBody || !hasBody()) && ++c_.requests < kMaxRequests;
+  void setAside() {
+    ++c_.requests;
+    keepAlive_ = mayKeepAlive() && !hasBody();
     head_ = parser_.get().method() == beast::http::verb::head;
     path_ = requestOf(parser_.get()).path().substr(0, 100);
   }
 
-  Answer refuse(unsigned status, std::optional<metrics::Refusal> reason, std::string sentence) {
-    keepAlive_ = head_ = false;
-    Answer a = plain(status, std::move(sentence));
-    a.refusal = reason;
-    return a;
-  }
-
-  Answer refuseAddress() {
-    return refuse(429, {},
-                  "Your address has " + std::to_string(shared_.settings.maxConnectionsPerAddress) +
-                      " connections, the most it may have; close one first.");
+  Answer tooManyOfAddress() const {
+    return plain(429, "Your address has " + std::to_string(shared_.settings.maxConnectionsPerAddress) +
+                          " connections, the most it may have; close one first.");
   }
 
   asio::awaitable<std::optional<Reply>> next(Reply reply) {
@@ -241,9 +210,9 @@ class Exchange {
 
   asio::awaitable<std::optional<Reply>> read(BodyHandler handler) {
     const std::uint64_t length = parser_.content_length().value_or(parser_.chunked() ? handler.maxBytes : 0);
-    if (length > handler.maxBytes) co_return refuse(413, metrics::Refusal::kRequest, handler.tooLong);
+    if (length > handler.maxBytes) co_return refused(413, metrics::Refusal::kRequest, handler.tooLong);
     room_ = std::make_shared<RequestBodyBudget::Room>(shared_.bodies, who_);
-    const bool waits = parser_.get()[beast::http::field::expect] == "100-continue";
+    const bool keepAlive = mayKeepAlive(), waits = parser_.get()[beast::http::field::expect] == "100-continue";
     beast::http::request_parser<beast::http::string_body> body(std::move(parser_));
     body.body_limit(handler.maxBytes);
     body.eager(true);
@@ -256,21 +225,21 @@ class Exchange {
     }
     for (;;) {
       // Takes room for what has come, and for nothing that was only announced.
-      if (const auto full = room_->growTo(body.get().body().size())) co_return refuseBody(*full);
+      if (const auto full = room_->growTo(body.get().body().size())) co_return tooManyBytes(*full);
       if (body.is_done()) break;
       std::tie(ec, std::ignore) = co_await beast::http::async_read_some(c_.stream, c_.buffer, body, kTuple);
-      if (ec == beast::http::error::body_limit) co_return refuse(413, metrics::Refusal::kRequest, handler.tooLong);
-      if (isOfHttp(ec)) co_return refuse(400, metrics::Refusal::kRequest, "The body is not whole (" + ec.message() + ").");
+      if (ec == beast::http::error::body_limit) co_return refused(413, metrics::Refusal::kRequest, handler.tooLong);
+      if (isOfHttp(ec)) co_return refused(400, metrics::Refusal::kRequest, "The body is not whole (" + ec.message() + ").");
       if (ec == asio::error::operation_aborted) shared_.figures->refused(metrics::Refusal::kTimeout);
       if (ec) co_return std::nullopt;
     }
+    keepAlive_ = keepAlive;
     // The work's thread reads it: two MiB of JSON would keep a socket's thread from all its other clients.
     co_return DeferredResponse{.work = [text = std::make_shared<std::string>(std::move(body.get().body())),
                                         handler = std::move(handler)](const Turn&) { return handler.answer(std::move(*text)); }};
   }
 
-  Answer refuseBody(RequestBodyBudget::Full full) {
-    keepAlive_ = false;
+  Answer tooManyBytes(RequestBodyBudget::Full full) const {
     const bool isOwn = full == RequestBodyBudget::Full::kShare;
     return refused(isOwn ? 429 : 503, metrics::Refusal::kBusy,
                    (isOwn ? "The " + who_ + " is sending" : "This server's clients are sending") +
@@ -281,8 +250,9 @@ class Exchange {
   std::optional<Reply> becomeStream(std::shared_ptr<session::Session> session) {
     if (!shared_.takesStreams)
       return refused(503, metrics::Refusal::kDraining, "This server is leaving; connect again.", {{"Retry-After", "1"}});
+    keepAlive_ = false;
     if (c_.buffer.size() > 0)
-      return refuse(400, metrics::Refusal::kRequest, "Something follows the request before the upgrade is answered.");
+      return refused(400, metrics::Refusal::kRequest, "Something follows the request before the upgrade is answered.");
     startStream(std::move(c_.stream), std::move(c_.slot), c_.shared, std::move(session), c_.peerName, std::move(grant_), parser_.release());
     return {};
   }
@@ -291,7 +261,7 @@ class Exchange {
   asio::awaitable<std::optional<Reply>> work(DeferredResponse later) {
     Work& queue = shared_.work(later.queue);
     const bool isLarge = later.queue == Queue::kPatient || later.queue == Queue::kTiles;
-    if (isLarge && shared_.answerBytes > shared_.settings.maxAnswerBytes) co_return busy(queue.jobs);
+    if (isLarge && shared_.unsent->bytes() > shared_.settings.maxAnswerBytes) co_return busy(queue.jobs);
     const auto progress = wantsProgress_ ? later.progress : nullptr;
     const auto awaited = std::make_shared<Awaited>(c_.stream.get_executor());
     if (!queue.jobs.post(awaited->asker, turns(queue, std::move(later), awaited), who_))
@@ -330,7 +300,7 @@ class Exchange {
       queue.figures.seconds.Observe(seconds(*worked));
       queue.jobs.answered(awaited->asker);
       const auto* answer = std::get_if<Answer>(&reply);
-      auto unsent = std::make_shared<const UnsentBytes>(shared, answer ? answer->body.size() : 0);
+      auto unsent = shared->unsent->count(answer ? answer->body.size() : 0);
       asio::post(awaited->changed.get_executor(), [awaited, unsent = std::move(unsent), reply = std::move(reply)]() mutable {
         awaited->unsent = std::move(unsent);
         awaited->reply = std::move(reply);
@@ -444,16 +414,12 @@ class Exchange {
   std::string ifNoneMatch_;
   bool keepAlive_ = false, head_ = false, wantsProgress_ = false;
   std::shared_ptr<RequestBodyBudget::Room> room_;  // of the body; shared with the work that has it
-  std::shared_ptr<const UnsentBytes> unsent_;      // of the answer
+  std::shared_ptr<const void> unsent_;             // of the answer
 };
 
 // False: the connection ends.
 asio::awaitable<bool> secure(Connection& c) {
-  std::shared_ptr<TlsContext> tls;
-  {
-    const std::lock_guard lock(c.shared->mutex);
-    tls = c.shared->tls;
-  }
+  auto tls = c.shared->tls();
   if (!tls || c.slot.kind() == ConnectionSlot::Kind::kAdmin) co_return true;
   c.stream.expires_after(c.timeout());
   const error_code ec = co_await c.done([&](Channel::Done done) { c.stream.startTls(std::move(tls), std::move(done)); });

@@ -1,7 +1,6 @@
 #include "server/net/operations.h"
 
 #include <algorithm>
-#include <vector>
 
 #include "common/text/text.h"
 #include "common/version/version.h"
@@ -41,20 +40,15 @@ std::optional<Reply> removal(const std::shared_ptr<ServerContext>& server, const
   } else if (session = server->directory->remove(name); !session) {
     return http::plain(409, "The session '" + name + "' never ends; its members can be sent away one by one.");
   }
-  std::vector<std::shared_ptr<OpenStream>> streams;
-  {
-    const std::lock_guard lock(server->mutex);
-    for (const auto& [key, weak] : server->streams)
-      if (auto stream = weak.lock(); stream && &stream->session() == session.get()) streams.push_back(std::move(stream));
-  }
-  for (const auto& stream : streams) stream->postRemove(camera);
+  for (const auto& stream : server->streams.all())
+    if (&stream->session() == session.get()) stream->postRemove(camera);
   return http::plain(200, camera ? "The member is sent away." : "The session has ended; its members are sent away.");
 }
 
 double saturation(ServerContext& s) {
   const session::Limits& limits = s.directory->resources().limits;
   const auto share = [](double used, double limit) { return limit > 0 ? used / limit : 0; };
-  return std::min(1.0, std::max({share(s.directory->cameras(), limits.maxCameras), share(s.connections, s.settings.maxConnections),
+  return std::min(1.0, std::max({share(s.directory->cameras(), limits.maxCameras), share(s.connections->served, s.settings.maxConnections),
                                  share(static_cast<double>(s.directory->all().size()), limits.maxSessions),
                                  share(static_cast<double>(s.directory->triangles()), static_cast<double>(limits.maxTotalTriangles))}));
 }
@@ -72,7 +66,7 @@ void addOperations(const std::shared_ptr<ServerContext>& shared) {
   metrics::Registry& registry = shared->figures->registry;
   const auto gauge = [&](const char* name, const char* help, double (*value)(ServerContext&)) { registry.compute(name, help, of(value)); };
   gauge("ridgecast_cameras", "Cameras of all sessions.", [](ServerContext& s) -> double { return s.directory->cameras(); });
-  gauge("ridgecast_open_connections", "Connections that are open.", [](ServerContext& s) -> double { return s.connections; });
+  gauge("ridgecast_open_connections", "Connections that are open.", [](ServerContext& s) -> double { return s.connections->served; });
   gauge("ridgecast_sessions", "Sessions.", [](ServerContext& s) { return static_cast<double>(s.directory->all().size()); });
   gauge("ridgecast_granted_triangles", "Triangles set aside for the cameras.",
         [](ServerContext& s) { return static_cast<double>(s.directory->triangles()); });
@@ -84,13 +78,15 @@ void addOperations(const std::shared_ptr<ServerContext>& shared) {
     registry.compute("ridgecast_limit", "The limit of each; 0: unlimited.", [value = limit] { return value; }, {{"of", name}});
   gauge("ridgecast_saturation", "How full the server is, 0 to 1: the fullest of cameras, connections, sessions and triangles.", saturation);
   gauge("ridgecast_certificate_expiry_seconds", "When the certificate expires, seconds since 1970; 0: no TLS.",
-        [](ServerContext& s) -> double { return s.certificateExpiry; });
+        [](ServerContext& s) -> double {
+          const auto tls = s.tls();
+          return tls ? static_cast<double>(transport::expiryOf(*tls).time_since_epoch().count()) : 0;
+        });
   gauge("ridgecast_last_reload_successful", "1 if the last reload of certificate and tokens succeeded, or there was none.",
         [](ServerContext& s) -> double { return s.reloaded ? 1 : 0; });
   registry.compute("ridgecast_queued_bytes", "Bytes that wait to be sent to clients.", of([](ServerContext& s) {
-                     const std::lock_guard lock(s.mutex);
                      std::size_t bytes = 0;
-                     for (const auto& [stream, weak] : s.streams) bytes += stream->waitingBytes();
+                     for (const auto& stream : s.streams.all()) bytes += stream->waitingBytes();
                      return static_cast<double>(bytes);
                    }));
   const std::pair<const char*, double (*)(ServerContext&)> queues[] = {

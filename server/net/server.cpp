@@ -84,12 +84,12 @@ class ListeningServer final : public Server {
 
   void drain() override {
     shared_->ready = shared_->takesStreams = false;
-    for (const auto& stream : openStreams()) stream->postGoingAway();
+    for (const auto& stream : shared_->streams.all()) stream->postGoingAway();
   }
   void undrain() override { shared_->ready = shared_->takesStreams = true; }
 
   void sendAway(const session::Session& session) override {
-    for (const auto& stream : openStreams())
+    for (const auto& stream : shared_->streams.all())
       if (&stream->session() == &session) stream->postGoingAway();
   }
 
@@ -101,10 +101,8 @@ class ListeningServer final : public Server {
     drain();
     for (const auto& session : shared_->directory->all()) session->retire();  // so that the next server has their edits at once
     for (Work& work : shared_->queues) work.jobs.finish(until);
-    {
-      std::unique_lock lock(shared_->mutex);
-      shared_->fewer.wait_until(lock, until, [this] { return shared_->streams.empty() && shared_->answerBytes == 0; });
-    }
+    shared_->streams.awaitNone(until);
+    shared_->unsent->awaitNone(until);
     io_.stop();
     for (auto& thread : threads_) thread.join();
     threads_.clear();
@@ -115,26 +113,17 @@ class ListeningServer final : public Server {
     const Settings& settings = shared_->settings;
     std::shared_ptr<TlsContext> tls;
     if (!settings.tlsCertificate.empty()) {
-      auto loaded = loadTls(settings.tlsCertificate, settings.tlsKey);
+      auto loaded = transport::loadTls(settings.tlsCertificate, settings.tlsKey);
       if (!loaded) return loaded.error();
       tls = std::move(*loaded);
     }
     if (auto error = shared_->filter.load()) return error;
-    if (tls) shared_->certificateExpiry = static_cast<double>(transport::expiryOf(*tls).time_since_epoch().count());
     {
-      const std::lock_guard lock(shared_->mutex);
-      shared_->tls = std::move(tls);
+      const std::lock_guard lock(shared_->tlsMutex);
+      shared_->tlsOfNew = std::move(tls);
     }
-    for (const auto& stream : openStreams()) stream->postJudge();
+    for (const auto& stream : shared_->streams.all()) stream->postJudge();
     return {};
-  }
-
-  std::vector<std::shared_ptr<OpenStream>> openStreams() {
-    std::vector<std::shared_ptr<OpenStream>> streams;
-    const std::lock_guard lock(shared_->mutex);
-    for (const auto& [key, weak] : shared_->streams)
-      if (auto stream = weak.lock()) streams.push_back(std::move(stream));
-    return streams;
   }
 
   void serve() {
@@ -159,21 +148,22 @@ class ListeningServer final : public Server {
     const auto isProxy = [&](const access::Network& network) { return network.contains(address); };
     auto kind = ConnectionSlot::Kind::kServed;
     std::optional<access::ConnectionsByAddress::Place> place;
-    if (shared_->connections >= settings.maxConnections) {
+    if (shared_->connections->served >= settings.maxConnections) {
       kind = ConnectionSlot::Kind::kTooMany;
     } else if (std::none_of(settings.trustedProxies.begin(), settings.trustedProxies.end(), isProxy)) {
-      place = shared_->connectionsByAddress.enter(address);
+      place = shared_->connections->byAddress.enter(address);
       if (!place) kind = ConnectionSlot::Kind::kTooManyOfAddress;
     }
     if (kind != ConnectionSlot::Kind::kServed) {
       shared_->figures->refused(kind == ConnectionSlot::Kind::kTooMany ? metrics::Refusal::kConnections : metrics::Refusal::kAddress);
-      if (shared_->turned >= kTurnedAtATime) return;
+      if (shared_->connections->turned >= kTurnedAtATime) return;
     }
-    startHttp(std::move(socket), ConnectionSlot(shared_, kind, std::move(place)), shared_);
+    startHttp(std::move(socket), ConnectionSlot(shared_->connections, kind, std::move(place)), shared_);
   }
 
   void takeAdmin(tcp::socket&& socket) {
-    if (shared_->admins < kAdminsAtATime) startHttp(std::move(socket), ConnectionSlot(shared_, ConnectionSlot::Kind::kAdmin, {}), shared_);
+    if (shared_->connections->admins < kAdminsAtATime)
+      startHttp(std::move(socket), ConnectionSlot(shared_->connections, ConnectionSlot::Kind::kAdmin, {}), shared_);
   }
 
   std::shared_ptr<ServerContext> shared_;

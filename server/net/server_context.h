@@ -11,6 +11,7 @@
 #include <string>
 #include <unordered_map>
 #include <utility>
+#include <vector>
 
 #include <boost/asio/ip/tcp.hpp>
 
@@ -25,26 +26,8 @@
 
 namespace ridgecast::net {
 
-using ridgecast::http::Answer;
-using ridgecast::http::BodyHandler;
-using ridgecast::http::DeferredResponse;
-using ridgecast::http::Jobs;
-using ridgecast::http::kSubprotocol;
-using ridgecast::http::namesEtag;
-using ridgecast::http::plain;
-using ridgecast::http::queryParameter;
-using ridgecast::http::Queue;
-using ridgecast::http::refused;
-using ridgecast::http::Reply;
-using ridgecast::http::Request;
-using ridgecast::http::RequestFilter;
-using ridgecast::http::RetryAt;
-using ridgecast::http::Route;
-using ridgecast::http::routeOf;
-using ridgecast::http::Turn;
-using ridgecast::http::Upgrade;
+using namespace ridgecast::http;
 using ridgecast::transport::Channel;
-using ridgecast::transport::loadTls;
 using ridgecast::transport::TlsContext;
 
 inline constexpr char kServerName[] = "ridgecast-server/" RIDGECAST_VERSION;
@@ -62,11 +45,74 @@ class OpenStream {
   virtual const session::Session& session() const = 0;
 };
 
+// Streams that are open. Any thread.
+class OpenStreams {
+ public:
+  void add(const std::shared_ptr<OpenStream>& stream) {
+    const std::lock_guard lock(mutex_);
+    streams_.emplace(stream.get(), stream);
+  }
+  void remove(const OpenStream* stream) {
+    const std::lock_guard lock(mutex_);
+    streams_.erase(stream);
+    removed_.notify_all();
+  }
+  std::vector<std::shared_ptr<OpenStream>> all() const {
+    std::vector<std::shared_ptr<OpenStream>> streams;
+    const std::lock_guard lock(mutex_);
+    for (const auto& [key, weak] : streams_)
+      if (auto stream = weak.lock()) streams.push_back(std::move(stream));
+    return streams;
+  }
+  void awaitNone(std::chrono::steady_clock::time_point until) {
+    std::unique_lock lock(mutex_);
+    removed_.wait_until(lock, until, [this] { return streams_.empty(); });
+  }
+
+ private:
+  mutable std::mutex mutex_;
+  std::condition_variable removed_;
+  std::unordered_map<const OpenStream*, std::weak_ptr<OpenStream>> streams_;
+};
+
+// Computed bodies until they are sent. Any thread.
+class UnsentBytes : public std::enable_shared_from_this<UnsentBytes> {
+ public:
+  // Counts them while the result lives.
+  std::shared_ptr<const void> count(std::size_t bytes) {
+    bytes_ += bytes;
+    return {nullptr, [self = shared_from_this(), bytes](std::nullptr_t) {
+              const std::lock_guard lock(self->mutex_);
+              expects(self->bytes_.fetch_sub(bytes) >= bytes, "an answer that is sent was counted");
+              self->sent_.notify_all();
+            }};
+  }
+  std::size_t bytes() const { return bytes_; }
+  void awaitNone(std::chrono::steady_clock::time_point until) {
+    std::unique_lock lock(mutex_);
+    sent_.wait_until(lock, until, [this] { return bytes_ == 0; });
+  }
+
+ private:
+  std::atomic<std::size_t> bytes_{0};
+  std::mutex mutex_;
+  std::condition_variable sent_;
+};
+
 // A queue of work for answers.
 struct Work {
   Work(const Jobs::Limits& limits, const metrics::Metrics::Work& f) : jobs(limits), figures(f) {}
   Jobs jobs;
   const metrics::Metrics::Work figures;
+};
+
+// Connections that are open. Any thread.
+struct Connections {
+  explicit Connections(std::uint32_t maxPerAddress) : byAddress(maxPerAddress) {}
+  access::ConnectionsByAddress byAddress;
+  std::atomic<std::uint32_t> served{0};
+  std::atomic<std::uint32_t> turned{0};  // over a limit, which only get a refusal
+  std::atomic<std::uint32_t> admins{0};  // of the admin port
 };
 
 // Shared by all connections. Outlives them.
@@ -77,34 +123,32 @@ struct ServerContext {
         routes(std::move(r)),
         figures(directory->resources().figures),
         filter(settings),
-        connectionsByAddress(settings.maxConnectionsPerAddress),
+        connections(std::make_shared<Connections>(settings.maxConnectionsPerAddress)),
         queues{{{s.promptJobs, figures->work("answers")},
                 {s.tileJobs, figures->work("tiles")},
                 {s.patientJobs, figures->work("snapshots")},
                 {s.worldJobs, figures->work("worlds")}}} {}
   Work& work(Queue queue) { return queues[static_cast<std::size_t>(queue)]; }
+  std::shared_ptr<TlsContext> tls() const {
+    const std::lock_guard lock(tlsMutex);
+    return tlsOfNew;
+  }
 
   const Settings settings;
   const std::shared_ptr<session::Directory> directory;
   std::vector<Route> routes;  // constant once connections are accepted
   const std::shared_ptr<metrics::Metrics> figures;
   RequestFilter filter;
-  access::ConnectionsByAddress connectionsByAddress;
+  const std::shared_ptr<Connections> connections;
   std::atomic<bool> ready{true};         // as /readyz says
   std::atomic<bool> takesStreams{true};  // false: new ones are refused
-  std::atomic<std::uint32_t> turned{0};  // connections over a limit, which only get a refusal
-  std::atomic<std::uint32_t> connections{0};
-  std::atomic<std::uint32_t> admins{0};     // connections of the admin port
-  std::atomic<std::size_t> answerBytes{0};  // of computed bodies, until they are sent
-  std::array<Work, 4> queues;               // by http::Queue
+  std::atomic<bool> reloaded{true};      // the last reload succeeded
+  OpenStreams streams;
+  std::array<Work, 4> queues;  // by http::Queue
+  const std::shared_ptr<UnsentBytes> unsent = std::make_shared<UnsentBytes>();
   const std::shared_ptr<RequestBodyBudget> bodies = std::make_shared<RequestBodyBudget>();
-  std::atomic<bool> reloaded{true};          // the last reload succeeded
-  std::atomic<double> certificateExpiry{0};  // seconds since 1970; 0: no TLS
-
-  std::mutex mutex;
-  std::shared_ptr<TlsContext> tls;  // for new connections; null: no TLS
-  std::condition_variable fewer;    // notified when there are fewer streams or answers
-  std::unordered_map<const OpenStream*, std::weak_ptr<OpenStream>> streams;
+  mutable std::mutex tlsMutex;
+  std::shared_ptr<TlsContext> tlsOfNew;  // for new connections; null: no TLS
 };
 
 // Counts a connection while it lives.
@@ -114,14 +158,14 @@ class ConnectionSlot {
   enum class Kind { kServed, kTooMany, kTooManyOfAddress, kAdmin };
 
   // `place`: among the connections of its address. Empty behind a proxy, whose clients are counted by request.
-  ConnectionSlot(std::shared_ptr<ServerContext> shared, Kind kind, std::optional<access::ConnectionsByAddress::Place> place)
-      : shared_(std::move(shared)), kind_(kind), place_(std::move(place)) {
+  ConnectionSlot(std::shared_ptr<Connections> all, Kind kind, std::optional<access::ConnectionsByAddress::Place> place)
+      : all_(std::move(all)), kind_(kind), place_(std::move(place)) {
     ++number();
   }
   ConnectionSlot(ConnectionSlot&&) = default;
   ConnectionSlot& operator=(ConnectionSlot&&) = delete;
   ~ConnectionSlot() {
-    if (shared_) expects(number()-- > 0, "a connection that ends was counted");
+    if (all_) expects(number()-- > 0, "a connection that ends was counted");
   }
   Kind kind() const { return kind_; }
   // Whose connection it is, for kServed: the token's holder or, without a token, the household of the address.
@@ -132,16 +176,16 @@ class ConnectionSlot {
   bool belongsTo(const access::Address& client) {
     if (place_ && place_->who() == access::household(client)) return true;
     place_.reset();
-    place_ = shared_->connectionsByAddress.enter(client);
+    place_ = all_->byAddress.enter(client);
     return place_.has_value();
   }
 
  private:
   std::atomic<std::uint32_t>& number() const {
-    return kind_ == Kind::kServed ? shared_->connections : kind_ == Kind::kAdmin ? shared_->admins : shared_->turned;
+    return kind_ == Kind::kServed ? all_->served : kind_ == Kind::kAdmin ? all_->admins : all_->turned;
   }
 
-  std::shared_ptr<ServerContext> shared_;
+  std::shared_ptr<Connections> all_;
   Kind kind_;
   std::optional<access::ConnectionsByAddress::Place> place_;
 };

@@ -84,16 +84,11 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
 
   ~Stream() override {
     shared_->figures->streamsOpen.Increment(-1);
-    const std::lock_guard lock(shared_->mutex);
-    shared_->streams.erase(this);
-    shared_->fewer.notify_all();
+    shared_->streams.remove(this);
   }
 
   void start(beast::http::request<beast::http::empty_body> request) {
-    {
-      const std::lock_guard lock(shared_->mutex);
-      shared_->streams.emplace(this, weak_from_this());
-    }
+    shared_->streams.add(shared_from_this());
     request_ = std::move(request);
     beast::get_lowest_layer(ws_).expires_never();  // the stream has its own timeouts
     websocket::stream_base::timeout timeout{};
