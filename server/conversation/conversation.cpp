@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cassert>
 #include <string>
 #include <utility>
 
@@ -49,6 +50,10 @@ std::size_t payloadBytes(const Leaves& leaves, std::size_t overhead) {
 
 }  // namespace
 
+Conversation::Conversation(Terms terms) : terms_(std::move(terms)), replica_(terms_.window) {
+  expects(terms_.grant && terms_.repairs && terms_.window > 0, "who converses has terms");
+}
+
 Conversation::Refusal Conversation::receive(const wire::ClientMessage& message, Time now) {
   if (auto refusal = outOfPlace(message)) return refusal;
   return std::visit(
@@ -80,7 +85,6 @@ Conversation::Refusal Conversation::take(const wire::Hello& hello) {
   granted_ = terms_.grant(hello.settings);
   byteRate_.setRate(granted_.bytesPerSecond);
   replica_.setFollowsPoints(hello.points);
-  lockstep_ = hello.pacing == wire::Pacing::kLockstep;
   hello_ = hello;
   stage_ = Stage::kExpectsWorld;
   return {};
@@ -90,11 +94,11 @@ Conversation::Refusal Conversation::take(const wire::PoseMessage& pose, Time now
   if (pose.sequence <= lastSequence_)
     return ErrorMessage{ErrorCode::kInvalid, "Pose " + std::to_string(pose.sequence) + " came after pose " + std::to_string(lastSequence_) +
                                                  ": sequences start at 1 and ascend."};
-  if (lockstep_ && poses_.size() >= kMaxQueuedPoses)
+  if (lockstep() && poses_.size() >= kMaxQueuedPoses)
     return ErrorMessage{ErrorCode::kLimit, "More than " + std::to_string(kMaxQueuedPoses) +
                                                " poses wait in lock-step: send the next one when iterations have arrived."};
   lastSequence_ = pose.sequence;
-  if (!lockstep_) poses_.clear();
+  if (!lockstep()) poses_.clear();
   poses_.push_back(pose);
   insertionRate_.pose(now);
   return {};
@@ -159,7 +163,7 @@ Conversation::Refusal Conversation::take(const wire::WantSquares& request) {
 }
 
 Conversation::Refusal Conversation::take(const wire::ChangeSettings& change) {
-  if (!lockstep_) changes_.clear();
+  if (!lockstep()) changes_.clear();
   if (changes_.size() >= kMaxQueuedPoses)
     return ErrorMessage{ErrorCode::kLimit, "More than " + std::to_string(kMaxQueuedPoses) +
                                                " changes of settings wait for their poses: change them when iterations have arrived."};
@@ -173,7 +177,7 @@ void Conversation::close() {
 }
 
 void Conversation::groundChanged() {
-  if (lockstep_ || !runs() || pose_.sequence == 0) return;
+  if (lockstep() || !runs() || pose_.sequence == 0) return;
   atRest_ = false;
   groundIsNew_ = true;
 }
@@ -186,7 +190,7 @@ bool Conversation::hasWork(std::size_t queuedBytes) const {
 
 bool Conversation::hasIteration() const {
   if (!replica_.hasRoom()) return false;
-  if (lockstep_) return !poses_.empty();
+  if (lockstep()) return !poses_.empty();
   return !poses_.empty() || (pose_.sequence != 0 && (!atRest_ || !changes_.empty() || replica_.owes()));
 }
 
@@ -218,42 +222,46 @@ Work Conversation::next(std::size_t queuedBytes) {
     return work;
   }
   editsWait_ = false;
-  isForGround_ = std::exchange(groundIsNew_, false) && !isForGround_;
-  owesAnswer_ = isForGround_ || !poses_.empty();
-  if (!poses_.empty() && !isForGround_) {
+  expects(lockstep() || poses_.size() <= 1, "the newest pose wins");
+  current_.isForGround = std::exchange(groundIsNew_, false) && !current_.isForGround;
+  current_.owesAnswer = current_.isForGround || !poses_.empty();
+  if (!poses_.empty() && !current_.isForGround) {
     pose_ = poses_.front();
     poses_.pop_front();
   }
   Iterate work{pose_, {}, {}};
   const std::uint32_t candidates = granted_.candidates;
-  for (; !changes_.empty() && (!lockstep_ || changes_.front().after < pose_.sequence); changes_.pop_front())
+  for (; !changes_.empty() && (!lockstep() || changes_.front().after < pose_.sequence); changes_.pop_front())
     work.granted = granted_ = changes_.front().granted;
-  owesAnswer_ = owesAnswer_ || granted_.candidates > candidates;
+  current_.owesAnswer = current_.owesAnswer || granted_.candidates > candidates;
   if (work.granted) byteRate_.setRate(granted_.bytesPerSecond);
-  if (lockstep_) {
+  if (lockstep()) {
     if (work.granted || byteRate_.limits()) work.insertions = byteRate_.insertions();
   } else {
-    if (!isForGround_) insertionRate_.begin();
-    work.insertions = std::min({byteRate_.insertions(), insertionRate_.insertions(), isForGround_ ? kMaxForGround : InsertionRate::kMax});
+    if (!current_.isForGround) insertionRate_.begin();
+    work.insertions =
+        std::min({byteRate_.insertions(), insertionRate_.insertions(), current_.isForGround ? kMaxForGround : InsertionRate::kMax});
   }
   return work;
 }
 
 void Conversation::greeted() {
+  expects(stage_ == Stage::kExpectsWorld || closed(), "a world answers a hello, once");
   if (stage_ == Stage::kExpectsWorld) stage_ = Stage::kRuns;
 }
 
 std::optional<replica::Changes> Conversation::iterated(std::span<const mesh::LeafState> leaves, bool settled) {
   if (!runs()) return {};
+  assert(std::ranges::is_sorted(leaves, {}, &mesh::LeafState::address));
   expects(pose_.sequence != 0, "an iteration is for a pose");
   const bool comesToRest = settled && !atRest_;
   atRest_ = settled;
-  if (!lockstep_ && !byteRate_.limits() && !settled && unsent_ < kMaxUnsent && replica_.resumes(leaves)) {
+  if (!lockstep() && !byteRate_.limits() && !settled && unsent_ < kMaxUnsent && replica_.resumes(leaves)) {
     ++unsent_;
     return {};
   }
-  if (!owesAnswer_ && !comesToRest && !replica_.differs(leaves)) return {};
-  repairing_ = replica_.owes();
+  if (!current_.owesAnswer && !comesToRest && !replica_.differs(leaves)) return {};
+  current_.repairs = replica_.owes();
   return replica_.send(leaves);
 }
 
@@ -264,7 +272,7 @@ void Conversation::sent(const wire::Iteration& iteration, Time now) {
                      iteration.shades.size() + 4 * iteration.errors.size(),
                  iteration.figures.inserted);
   insertionRate_.sent(now, iteration.figures.inserted);
-  if (repairing_) terms_.repairs->spend(now, payloadBytes(iteration.whole, 24));
+  if (current_.repairs) terms_.repairs->spend(now, payloadBytes(iteration.whole, 24));
   if (iteration.candidates) sent(kBytesACandidate * iteration.candidates->size(), now);
 }
 

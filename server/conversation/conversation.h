@@ -77,7 +77,7 @@ class Conversation {
   using Time = ByteRate::Clock::time_point;
   using Refusal = std::optional<wire::ErrorMessage>;
 
-  explicit Conversation(Terms terms) : terms_(std::move(terms)), replica_(terms_.window) {}
+  explicit Conversation(Terms terms);
 
   // Refused: the connection must end with this error. Queries, and messages about other members, are only checked for their place in the
   // protocol; the caller answers them.
@@ -103,8 +103,8 @@ class Conversation {
   const wire::Settings& granted() const { return granted_; }  // as of the last iteration
   const wire::PoseMessage& pose() const { return pose_; }     // of the last iteration
   std::optional<wire::PoseMessage> newestPose() const { return poses_.empty() ? std::nullopt : std::optional(poses_.back()); }
-  bool isLate() const { return !lockstep_ && !poses_.empty(); }  // a newer pose than the last iteration's has come
-  std::uint64_t mismatches() const { return mismatches_; }       // acknowledgements of another mesh than the one sent
+  bool isLate() const { return !lockstep() && !poses_.empty(); }  // a newer pose than the last iteration's has come
+  std::uint64_t mismatches() const { return mismatches_; }        // acknowledgements of another mesh than the one sent
   const replica::Replica& replica() const { return replica_; }
 
  private:
@@ -128,6 +128,7 @@ class Conversation {
   Refusal take(const wire::ChangeSettings& change);
   Refusal take(const auto&) { return {}; }
   Refusal outOfPlace(const wire::ClientMessage& message) const;
+  bool lockstep() const { return hello_.pacing == wire::Pacing::kLockstep; }
   bool hasWork(std::size_t queuedBytes) const;
   bool hasIteration() const;
   bool hasEdits() const { return !finds_.empty() || !squares_.empty(); }
@@ -136,7 +137,6 @@ class Conversation {
   Stage stage_ = Stage::kExpectsHello;
   wire::Hello hello_;
   wire::Settings granted_;
-  bool lockstep_ = false;
   std::uint64_t lastSequence_ = 0;
   std::deque<wire::PoseMessage> poses_;       // lock-step: at most kMaxQueuedPoses; free: at most one, the newest
   std::deque<Change> changes_;                // as poses_
@@ -145,16 +145,18 @@ class Conversation {
   std::deque<terrain::TileAddress> squares_;  // at most wire::kMaxWantedSquares; the same
   bool editsWait_ = false;                    // the last work was theirs
   wire::PoseMessage pose_;                    // sequence 0: none yet
-  bool owesAnswer_ = false;                   // the current iteration is sent even if it changes nothing
   bool atRest_ = true;                        // nothing to do before another pose
   bool groundIsNew_ = false;                  // since the last iteration
-  bool isForGround_ = false;                  // the current iteration: poses wait, but for one iteration only
   int unsent_ = 0;                            // iterations before the first one sent to a reconnecting client
   std::uint64_t mismatches_ = 0;
   replica::Replica replica_;
   ByteRate byteRate_;
   InsertionRate insertionRate_;  // free pacing alone: lock-step repeats
-  bool repairing_ = false;       // the current iteration sends leaves again
+  struct {
+    bool owesAnswer = false;   // is sent even if it changes nothing
+    bool isForGround = false;  // poses wait, but for one iteration only
+    bool repairs = false;      // sends leaves again
+  } current_;                  // iteration
 };
 
 }  // namespace ridgecast::conversation

@@ -112,19 +112,16 @@ CameraSession::CameraSession(std::shared_ptr<Session> session, Membership member
       figures_(session_->resources().figures, *session_->resources().timer) {}
 
 void CameraSession::receive(wire::ClientMessage message) {
-  Refusal refusal;
-  {
-    const std::lock_guard lock(mutex_);
-    if (conversation_.closed()) return;
-    metrics::Metrics& all = *session_->resources().figures;
-    const std::uint64_t mismatches = conversation_.mismatches();
-    refusal = conversation_.receive(message, session_->resources().timer->now());
-    all.mismatches.Increment(static_cast<double>(conversation_.mismatches() - mismatches));
-    if (std::holds_alternative<wire::ResendLeaves>(message)) all.resends.Increment();
-    if (const auto* pose = std::get_if<wire::PoseMessage>(&message); pose && !refusal) figures_.arrived(pose->sequence);
-    if (!refusal) refusal = std::visit([this](auto& m) { return attend(m); }, message);
-    if (!refusal && !wake()) refusal = ErrorMessage{ErrorCode::kInternal, "The server is shutting down."};
-  }
+  const std::lock_guard lock(mutex_);
+  if (conversation_.closed()) return;
+  metrics::Metrics& all = *session_->resources().figures;
+  const std::uint64_t mismatches = conversation_.mismatches();
+  Refusal refusal = conversation_.receive(message, session_->resources().timer->now());
+  all.mismatches.Increment(static_cast<double>(conversation_.mismatches() - mismatches));
+  if (std::holds_alternative<wire::ResendLeaves>(message)) all.resends.Increment();
+  if (const auto* pose = std::get_if<wire::PoseMessage>(&message); pose && !refusal) figures_.arrived(pose->sequence);
+  if (!refusal) refusal = std::visit([this](auto& m) { return attend(m); }, message);
+  if (!refusal && !wake()) refusal = ErrorMessage{ErrorCode::kInternal, "The server is shutting down."};
   if (refusal) refuse(std::move(*refusal));
 }
 
@@ -192,22 +189,23 @@ void CameraSession::groundChanged() {
 }
 
 void CameraSession::tellEdits() {
-  if (!conversation_.runs() || !conversation_.hello().edits || tells_) return;
-  if (told_ >= session_->ground().edit) return;
-  tells_ = true;
-  session_->editPages().page(told_, [weak = weak_from_this()](const Outcome<EditPages::Page>& page) {
+  if (!conversation_.runs() || !conversation_.hello().edits || news_.isOnItsWay) return;
+  if (news_.told >= session_->ground().edit) return;
+  news_.isOnItsWay = true;
+  session_->editPages().page(news_.told, [weak = weak_from_this()](const Outcome<EditPages::Page>& page) {
     if (const auto self = weak.lock()) self->tell(page);
   });
 }
 
 void CameraSession::tell(const Outcome<EditPages::Page>& page) {
-  if (!page) return refuse({ErrorCode::kInternal, page.error().message});
   const std::lock_guard lock(mutex_);
+  if (!page) return refuse({ErrorCode::kInternal, page.error().message});
   if (!conversation_.runs()) return;
   if (page->message) {
-    told_ = page->last;
+    expects(page->last > news_.told, "a page goes on where the last one ended");
+    news_.told = page->last;
     const auto held = std::make_shared<char>();
-    tellWaits_ = held;
+    news_.page = held;
     conversation_.sent(page->message->size(), session_->resources().timer->now());
     sender_->sendShared(page->message, held);
   }
@@ -217,20 +215,23 @@ void CameraSession::tell(const Outcome<EditPages::Page>& page) {
 // The next page, when the last has left: one at most waits for a client that does not read.
 void CameraSession::tellSoon(std::chrono::milliseconds pause) {
   const Timer& timer = *session_->resources().timer;
-  timer.at(timer.now() + pause, [weak = weak_from_this()] {
-    const auto self = weak.lock();
-    if (!self) return;
-    const std::lock_guard lock(self->mutex_);
-    if (!self->conversation_.runs()) return;
-    const bool isSlow = !self->tellWaits_.expired() || self->sender_->queuedBytes() > self->session_->resources().limits.maxQueuedBytes;
-    if (isSlow) return self->tellSoon(kQueueRetry);
-    self->tells_ = false;
-    self->tellEdits();
-  });
+  news_.alarm.set(timer, timer.now() + pause, weak_from_this(), mutex_, &CameraSession::tellNext);
+}
+
+void CameraSession::tellNext() {
+  if (!conversation_.runs()) return;
+  const bool isSlow = !news_.page.expired() || sender_->queuedBytes() > session_->resources().limits.maxQueuedBytes;
+  if (isSlow) return tellSoon(kQueueRetry);
+  news_.isOnItsWay = false;
+  tellEdits();
 }
 
 void CameraSession::close() {
   const std::lock_guard lock(mutex_);
+  end();
+}
+
+void CameraSession::end() {
   conversation_.close();
   session_->presence().leave(id_);
   session_->live().remove(id_);
@@ -242,7 +243,7 @@ void CameraSession::close() {
 }
 
 void CameraSession::refuse(ErrorMessage message) {
-  close();
+  end();
   sender_->fail(std::move(message));
 }
 
@@ -254,39 +255,21 @@ bool CameraSession::wake() {
     // Answers and tiles may be what is queued, and nobody tells when they have left.
     if (!due && conversation_.due(0)) due = timer.now() + kQueueRetry;
     if (!due) return watchAcknowledgements(), true;
-    if (*due > timer.now()) {
-      if (timerSet_) return true;
-      timerSet_ = true;
-      timer.at(*due, [weak = weak_from_this()] {
-        const auto self = weak.lock();
-        if (!self) return;
-        const std::lock_guard lock(self->mutex_);
-        self->timerSet_ = false;
-        self->wake();
-      });
-      return true;
-    }
+    if (*due > timer.now()) return workAlarm_.set(timer, *due, weak_from_this(), mutex_, &CameraSession::wake), true;
   }
   scheduled_ = pool_->post([self = shared_from_this()] { self->run(); });
   return scheduled_;
 }
 
 void CameraSession::watchAcknowledgements() {
-  if (watches_ || !conversation_.runs() || conversation_.replica().hasRoom()) return;
-  watches_ = true;
-  const Timer& timer = *session_->resources().timer;
-  timer.at(timer.now() + kAcknowledgeTimeout, [weak = weak_from_this(), last = conversation_.replica().lastSent()] {
-    const auto self = weak.lock();
-    if (!self) return;
-    {
-      const std::lock_guard lock(self->mutex_);
-      self->watches_ = false;
-      const replica::Replica& replica = self->conversation_.replica();
-      if (!self->conversation_.runs() || replica.hasRoom() || replica.lastSent() != last) return self->watchAcknowledgements();
-    }
-    self->refuse({ErrorCode::kLimit, "No iteration was acknowledged for " + std::to_string(kAcknowledgeTimeout.count()) +
-                                         " minutes: no other is sent before; acknowledge each when it was applied."});
-  });
+  if (!conversation_.runs() || conversation_.replica().hasRoom()) return;
+  const Timer::Time now = session_->resources().timer->now();
+  if (std::exchange(watched_.iteration, conversation_.replica().lastSent()) != conversation_.replica().lastSent()) watched_.since = now;
+  if (now < watched_.since + kAcknowledgeTimeout)
+    return watched_.alarm.set(*session_->resources().timer, watched_.since + kAcknowledgeTimeout, weak_from_this(), mutex_,
+                              &CameraSession::watchAcknowledgements);
+  refuse({ErrorCode::kLimit, "No iteration was acknowledged for " + std::to_string(kAcknowledgeTimeout.count()) +
+                                 " minutes: no other is sent before; acknowledge each when it was applied."});
 }
 
 void CameraSession::run() {
@@ -301,14 +284,12 @@ void CameraSession::run() {
     copies ? workOnCopy() : std::visit([this](const auto& order) { work(order); }, next);
   } catch (const std::exception& e) {
     failed = true;
-    mesh_.reset();  // first, so that the refusal finds memory
-    encoder_.reset();
-    copy_.reset();
+    task_ = {};  // first, so that the refusal finds memory
+    const std::lock_guard lock(mutex_);
     refuse(failureOf(e));
   }
   // Moved out under the lock, because another task may follow; destroyed after unlocking.
-  std::unique_ptr<IteratingMesh> freed;
-  std::unique_ptr<encoding::Encoder> encoder;
+  Task freed;
   std::vector<TakeCopy> disappointed;
   {
     const std::lock_guard lock(mutex_);
@@ -317,25 +298,25 @@ void CameraSession::run() {
       wake();
       return;
     }
-    freed = std::move(mesh_);
-    encoder = std::move(encoder_);
+    freed = std::exchange(task_, {});
     disappointed.swap(copies_);
     figures_.holds(0, false);
   }
   for (const TakeCopy& done : disappointed) done(nullptr);
-  if (freed || failed) session_->note(recording::Left{id_});
-  if (freed || failed) giveMemoryBackSoon(session_->resources());
+  if (!freed.mesh && !failed) return;
+  session_->note(recording::Left{id_});
+  giveMemoryBackSoon(session_->resources());
 }
 
 void CameraSession::work(const conversation::Greet&) {
-  ground_ = session_->ground();
-  const auto& terrain = ground_.terrain;
+  task_.ground = session_->ground();
+  const auto& terrain = task_.ground.terrain;
   const wire::Hello& hello = conversation_.hello();
   const wire::Settings& granted = conversation_.granted();
   const bool shades = !session_->resources().limits.sendsTerrain && terrain->colours();
-  mesh_ = session_->resources().makeMesh(terrain, granted, pool_);
-  encoder_ = std::make_unique<encoding::Encoder>(terrain, pool_, encoding::Form{hello.points, hello.errors, shades});
-  session_->note(recording::Joined{id_, hello.clientName, hello.role, hello.pacing, granted, ground_.edit});
+  task_.mesh = session_->resources().makeMesh(terrain, granted, pool_);
+  task_.encoder = std::make_unique<encoding::Encoder>(terrain, pool_, encoding::Form{hello.points, hello.errors, shades});
+  session_->note(recording::Joined{id_, hello.clientName, hello.role, hello.pacing, granted, task_.ground.edit});
   // Under the lock: once it has received the world, a client may send anything.
   const std::lock_guard lock(mutex_);
   conversation_.greeted();
@@ -344,7 +325,7 @@ void CameraSession::work(const conversation::Greet&) {
   session_->live().add(id_, weak_from_this());
   session_->presence().join(id_, hello, sender_, conversation_.newestPose(), worldOf(*session_, granted, id_));
   session_->presence().setBudget(id_, granted.bytesPerSecond);
-  told_ = std::max(hello.editsAfter, session_->edits().compacted());
+  news_.told = std::max(hello.editsAfter, session_->edits().compacted());
   tellEdits();
 }
 
@@ -358,24 +339,24 @@ bool CameraSession::copy(TakeCopy done) {
 void CameraSession::workOnCopy() {
   const Timer& timer = *session_->resources().timer;
   const auto end = timer.now() + session_->resources().limits.turn;
-  if (!copy_) copy_ = std::make_shared<MeshCopy>();
-  const auto& leaves = mesh_->leaves();
-  while (copy_->leaves.size() < leaves.size()) {
+  if (!task_.copy) task_.copy = std::make_shared<MeshCopy>();
+  const auto& leaves = task_.mesh->leaves();
+  while (task_.copy->leaves.size() < leaves.size()) {
     if (timer.now() >= end) return;
-    copy_->leaves.push_back(mesh_->extract(leaves[copy_->leaves.size()].address));
+    task_.copy->leaves.push_back(task_.mesh->extract(leaves[task_.copy->leaves.size()].address));
   }
   std::vector<TakeCopy> copies;
   {
     const std::lock_guard lock(mutex_);
-    copy_->iteration = conversation_.replica().lastSent();
-    copy_->meshHash = conversation_.replica().meshHash();
-    copy_->settings = conversation_.granted();
-    copy_->camera = conversation_.pose().camera;
+    task_.copy->iteration = conversation_.replica().lastSent();
+    task_.copy->meshHash = conversation_.replica().meshHash();
+    task_.copy->settings = conversation_.granted();
+    task_.copy->camera = conversation_.pose().camera;
     copies.swap(copies_);
   }
-  copy_->effectiveThreshold = effectiveThreshold_;
-  copy_->ground = ground_;
-  const std::shared_ptr<const MeshCopy> made = std::exchange(copy_, nullptr);
+  task_.copy->effectiveThreshold = task_.effectiveThreshold;
+  task_.copy->ground = task_.ground;
+  const std::shared_ptr<const MeshCopy> made = std::exchange(task_.copy, nullptr);
   for (const TakeCopy& done : copies) done(made);
 }
 
@@ -426,45 +407,45 @@ void CameraSession::work(const conversation::SendSquares& wanted) {
 }
 
 std::vector<lattice::Area> CameraSession::followGround() {
-  auto [ground, changed] = session_->edits().since(ground_.edit);
-  if (ground.edit == ground_.edit) return {};
-  ground_ = std::move(ground);
-  mesh_->setGround(ground_.terrain, changed);
-  encoder_->setTerrain(ground_.terrain);
+  auto [ground, changed] = session_->edits().since(task_.ground.edit);
+  if (ground.edit == task_.ground.edit) return {};
+  task_.ground = std::move(ground);
+  task_.mesh->setGround(task_.ground.terrain, changed);
+  task_.encoder->setTerrain(task_.ground.terrain);
   return std::move(changed);
 }
 
 void CameraSession::work(const conversation::Iterate& order) {
   metrics::Metrics& figures = *session_->resources().figures;
   if (order.granted) {
-    mesh_->change(*order.granted);
+    task_.mesh->change(*order.granted);
     session_->presence().setBudget(id_, order.granted->bytesPerSecond);
     sender_->send(wire::Granted{*order.granted});
   }
-  if (order.insertions) mesh_->setInsertionLimit(*order.insertions);
+  if (order.insertions) task_.mesh->setInsertionLimit(*order.insertions);
   std::vector<lattice::Area> changed = followGround();
   wire::Iteration iteration;
-  iteration.edit = ground_.edit;
-  iteration.figures = mesh_->iterate(order.pose.camera);
+  iteration.edit = task_.ground.edit;
+  iteration.figures = task_.mesh->iterate(order.pose.camera);
   figures_.holds(iteration.figures.triangles, iteration.figures.effectiveThreshold > conversation_.granted().threshold);
   iteration.poseSequence = order.pose.sequence;
-  iteration.settled = mesh_->settled();
-  effectiveThreshold_ = iteration.figures.effectiveThreshold;
+  iteration.settled = task_.mesh->settled();
+  task_.effectiveThreshold = iteration.figures.effectiveThreshold;
   std::optional<replica::Changes> changes;
   std::uint32_t candidates = 0;
   {
     const std::lock_guard lock(mutex_);
-    changes = conversation_.iterated(mesh_->leaves(), iteration.settled);
+    changes = conversation_.iterated(task_.mesh->leaves(), iteration.settled);
     candidates = conversation_.granted().candidates;
   }
   if (session_->observer())
-    session_->note(recording::Iterated{id_, order.granted, iteration.figures.insertionLimit, ground_.edit, std::move(changed),
+    session_->note(recording::Iterated{id_, order.granted, iteration.figures.insertionLimit, task_.ground.edit, std::move(changed),
                                        order.pose.sequence, order.pose.camera, iteration.settled,
-                                       changes ? changes->meshHash : recording::hashOf(mesh_->leaves())});
+                                       changes ? changes->meshHash : recording::hashOf(task_.mesh->leaves())});
   if (!changes) return figures.iterated(iteration.figures);
   const auto start = std::chrono::steady_clock::now();
-  encoder_->encode(std::move(*changes), *mesh_, iteration);
-  if (candidates > 0) iteration.candidates = mesh_->candidates(candidates);
+  task_.encoder->encode(std::move(*changes), *task_.mesh, iteration);
+  if (candidates > 0) iteration.candidates = task_.mesh->candidates(candidates);
   iteration.figures.encodeMs = millisecondsSince(start);
   figures.iterated(iteration.figures);
   bool late = false;

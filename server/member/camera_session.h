@@ -57,11 +57,14 @@ class CameraSession final : public LiveCamera, public std::enable_shared_from_th
   }
   void tellEdits();  // under the lock: those that this client was not told of, if it wants them
   void tell(const Outcome<EditPages::Page>& page);
-  void tellSoon(std::chrono::milliseconds pause);  // under the lock
-  bool wake();                                     // under the lock; false: the pool accepts no more
+  // Under the lock, as all until run().
+  void tellSoon(std::chrono::milliseconds pause);
+  void tellNext();
+  bool wake();  // false: the pool accepts no more
   void watchAcknowledgements();
-
+  void end();
   void refuse(wire::ErrorMessage message);
+
   void run();
   // The possible kinds of work.
   void work(std::monostate) {}
@@ -82,22 +85,32 @@ class CameraSession final : public LiveCamera, public std::enable_shared_from_th
   mutable std::mutex mutex_;
   conversation::Conversation conversation_;
   bool scheduled_ = false;  // a task is queued or runs
-  bool timerSet_ = false, watches_ = false;
+  Alarm workAlarm_;
+  struct {
+    std::uint64_t iteration = 0;  // the last one sent when the window was full
+    Timer::Time since{};
+    Alarm alarm;
+  } watched_;
   CameraFigures figures_;
   std::vector<TakeCopy> copies_;      // requested
   std::shared_ptr<Queries> queries_;  // once one was sent
   std::shared_ptr<Grounds> grounds_;
   std::shared_ptr<std::atomic<std::size_t>> openEdits_ = std::make_shared<std::atomic<std::size_t>>(0);  // not yet answered and sent
-  std::uint64_t told_ = 0;                                                                               // edits that the client knows
-  bool tells_ = false;                                                                                   // tell() will be called
-  std::weak_ptr<const void> tellWaits_;                                                                  // the last page, until it has left
+  struct {
+    std::uint64_t told = 0;          // edits that the client knows
+    bool isOnItsWay = false;         // a page: until the next may follow it
+    std::weak_ptr<const void> page;  // the last one, until it has left
+    Alarm alarm;
+  } news_;  // of edits
 
   // Of the running task alone.
-  std::unique_ptr<IteratingMesh> mesh_;
-  std::unique_ptr<encoding::Encoder> encoder_;
-  double effectiveThreshold_ = 0;
-  Ground ground_;                   // that the mesh knows
-  std::shared_ptr<MeshCopy> copy_;  // being made
+  struct Task {
+    std::unique_ptr<IteratingMesh> mesh;
+    std::unique_ptr<encoding::Encoder> encoder;
+    double effectiveThreshold = 0;
+    Ground ground;                   // that the mesh knows
+    std::shared_ptr<MeshCopy> copy;  // being made
+  } task_;
 };
 
 }  // namespace ridgecast::session

@@ -52,25 +52,25 @@ bool isMadeOf(const Applied& asked, const Applied& made) {
 
 Edits::Edits(std::shared_ptr<const terrain::Terrain> terrain, scheduling::Executor& executor, scheduling::Executor& disk,
              std::shared_ptr<EditSpace> space, std::function<void()> changed, Kept kept, Made made, std::chrono::milliseconds turn)
-    : terrain_(std::move(terrain)),
-      pool_(executor.makePool(1)),
+    : pool_(executor.makePool(1)),
       disk_(disk.makePool(1)),
       space_(std::move(space)),
       changed_(std::move(changed)),
       noted_(std::move(made)),
       turn_(turn),
       kept_(std::move(kept)),
-      history_(kept_.history ? std::move(*kept_.history) : edits::History(terrain_)),
+      history_(kept_.history ? std::move(*kept_.history) : edits::History(std::move(terrain))),
       compacted_(history_.compacted()),
       bytes_(kept_.store ? kept_.store->bytes() : 0),
-      ground_{history_.last() == 0 ? terrain_ : std::make_shared<edits::EditedTerrain>(terrain_, history_.layer()), history_.last()} {
+      ground_{history_.last() == 0 ? history_.terrain() : std::make_shared<edits::EditedTerrain>(history_.terrain(), history_.layer()),
+              history_.last()} {
   kept_.history.reset();
   space_->kept.take(bytes_, ~std::uint64_t{0});
 }
 
 Edits::~Edits() {
   space_->kept.give(bytes_);
-  space_->waiting.give(waitingBytes_);
+  for (const auto& w : waiting_) space_->waiting.give(w->asked.bytes());
 }
 
 Ground Edits::ground() const {
@@ -107,26 +107,27 @@ void Edits::ask(Edit edit, Done done, Pay pay) {
     const std::lock_guard lock(mutex_);
     answer = atOnce(asked, static_cast<bool>(pay), done);
     if (!answer && done) {
-      waitingBytes_ += asked.bytes();
       const auto& waits = waiting_.emplace_back(std::make_shared<Waiting>(std::move(asked), std::move(pay)));
       waits->done.push_back(std::exchange(done, nullptr));
       if (!waits->asked.key.empty()) open_[waits->asked.key] = waits;
-      if (!std::exchange(isBusy_, true)) disk_->post([self = shared_from_this()] { self->lookUp(); });
+      if (std::exchange(state_, State::kBusy) == State::kRests) disk_->post([self = shared_from_this()] { self->lookUp(); });
     }
   }
   if (answer) done(*answer, 0);
 }
 
 std::optional<Edits::Answer> Edits::atOnce(const Applied& asked, bool pays, Done& done) {
-  if (isOver_) return over();
+  if (state_ == State::kOver) return over();
   if (const auto open = open_.find(asked.key); open != open_.end()) {
     if (!isMadeOf(asked, open->second->asked)) return ofAnother(0);
     open->second->done.push_back(std::exchange(done, nullptr));
     return {};
   }
-  std::uint64_t own = 0, ownBytes = asked.bytes();
-  for (const auto& w : waiting_)
+  std::uint64_t own = 0, ownBytes = asked.bytes(), allBytes = asked.bytes();
+  for (const auto& w : waiting_) {
+    allBytes += w->asked.bytes();
     if (w->pay && edits::clientOf(w->asked.author) == edits::clientOf(asked.author)) ++own, ownBytes += w->asked.bytes();
+  }
   const EditSpace::Limits& limits = space_->limits;
   if (pays && own >= kMaxWaitingOfOne)
     return early("More than " + std::to_string(kMaxWaitingOfOne) + " of your edits wait to be made; send it again in a moment.");
@@ -134,7 +135,7 @@ std::optional<Edits::Answer> Edits::atOnce(const Applied& asked, bool pays, Done
     return early("More than " + mebibytes(limits.waiting / 2) + " of your edits wait to be made; send it again in a moment.");
   if (waiting_.size() >= kMaxWaiting)
     return early("More than " + std::to_string(kMaxWaiting) + " edits of this session wait to be made; send it again in a moment.");
-  if (waitingBytes_ + asked.bytes() > limits.waiting)
+  if (allBytes > limits.waiting)
     return early("More than " + mebibytes(limits.waiting) + " of edits of this session wait to be made; send it again in a moment.");
   if (!space_->waiting.take(asked.bytes(), limits.allWaiting))
     return early("More than " + mebibytes(limits.allWaiting) + " of this server's edits wait to be made; send it again in a moment.");
@@ -143,14 +144,13 @@ std::optional<Edits::Answer> Edits::atOnce(const Applied& asked, bool pays, Done
 
 bool Edits::isOver() const {
   const std::lock_guard lock(mutex_);
-  return isOver_;
+  return state_ == State::kOver;
 }
 
 void Edits::end() {
   {
     const std::lock_guard lock(mutex_);
-    if (std::exchange(isOver_, true) || isBusy_) return;  // a group's last step goes on
-    isBusy_ = true;
+    if (std::exchange(state_, State::kOver) != State::kRests) return;  // a group's last step goes on
   }
   goOn();
 }
@@ -193,44 +193,44 @@ std::optional<Edits::Answer> Edits::keptWith(const std::string& key, const Appli
 
 void Edits::make() {
   if (isOver()) {
-    making_.reset();
+    batch_.making.reset();
     return goOn();
   }
-  if (made_.empty() && !making_) before_ = history_.layer();
+  if (batch_.made.empty() && !batch_.making) batch_.before = history_.layer();
   const auto begun = std::chrono::steady_clock::now();
   const auto worked = [&] { return std::chrono::steady_clock::now() - begun; };
   bool isGroup = false;
-  while (done_ < group_.size() && !isGroup && worked() < turn_) {
-    Waiting& w = *group_[done_];
+  while (batch_.done < group_.size() && !isGroup && worked() < turn_) {
+    Waiting& w = *group_[batch_.done];
     // An undo may take long, and those before it do not wait for it.
-    isGroup =
-        !w.answer && !making_ && !made_.empty() && (worked_ + worked() >= kGroupTurns * turn_ || edits::undoneBy(w.asked.operation) > 0);
-    if (!isGroup && (w.answer || step(w))) ++done_;
+    isGroup = !w.answer && !batch_.making && !batch_.made.empty() &&
+              (batch_.worked + worked() >= kGroupTurns * turn_ || edits::undoneBy(w.asked.operation) > 0);
+    if (!isGroup && (w.answer || step(w))) ++batch_.done;
   }
-  worked_ += worked();
-  if (done_ < group_.size() && !isGroup) {
+  batch_.worked += worked();
+  if (batch_.done < group_.size() && !isGroup) {
     pool_->post([self = shared_from_this()] { self->make(); });
     return;
   }
   try {
-    if (!made_.empty()) next_ = {std::make_shared<edits::EditedTerrain>(terrain_, history_.layer()), history_.last()};
+    if (!batch_.made.empty()) batch_.next = {std::make_shared<edits::EditedTerrain>(history_.terrain(), history_.layer()), history_.last()};
   } catch (const std::bad_alloc&) {
     takeBack(outOfMemory());
   }
-  if (made_.empty()) return publish();
+  if (batch_.made.empty()) return publish();
   disk_->post([self = shared_from_this()] { self->keep(); });
 }
 
 bool Edits::step(Waiting& waiting) {
   try {
-    if (!making_) waiting.answer = begin(waiting);
+    if (!batch_.making) waiting.answer = begin(waiting);
     constexpr std::uint64_t kPosts = 1u << 14;  // half a millisecond
-    if (!waiting.answer && making_->making.step(kPosts)) waiting.answer = finish(waiting);
+    if (!waiting.answer && batch_.making->making.step(kPosts)) waiting.answer = finish(waiting);
   } catch (const std::bad_alloc&) {
-    if (making_ && history_.last() > making_->last) history_.takeBack(making_->before);
+    if (batch_.making && history_.last() > batch_.making->last) history_.takeBack(batch_.making->before);
     waiting.answer = outOfMemory();
   }
-  if (waiting.answer) making_.reset();
+  if (waiting.answer) batch_.making.reset();
   return waiting.answer.has_value();
 }
 
@@ -246,47 +246,47 @@ std::optional<Edits::Answer> Edits::begin(const Waiting& waiting) {
                 ", which is the most; send it again when a session has ended.");
   if (waiting.pay)
     if (auto paid = waiting.pay(operation, bytes); !paid) return early(paid.error().message);
-  made_.reserve(made_.size() + 1);
-  changedPosts_.reserve(made_.size() + 1);
+  batch_.made.reserve(batch_.made.size() + 1);
+  batch_.changed.reserve(batch_.made.size() + 1);
   const std::uint64_t most = waiting.pay ? edits::kMaxUndoPosts : ~std::uint64_t{0};
-  making_ = std::make_unique<Making>(history_.make(std::move(operation), most), history_.layer(), history_.last(), history_.looked());
+  batch_.making = std::make_unique<Making>(history_.make(std::move(operation), most), history_.layer(), history_.last(), history_.looked());
   return {};
 }
 
 Edits::Answer Edits::finish(Waiting& waiting) {
-  waiting.posts = history_.looked() - making_->looked;
-  const auto& changed = making_->making.result();
+  waiting.posts = history_.looked() - batch_.making->looked;
+  const auto& changed = batch_.making->making.result();
   if (!changed) return changed.error();
   using namespace std::chrono;
   Applied applied = waiting.asked;
   applied.number = history_.last();
   applied.time = duration_cast<microseconds>(system_clock::now().time_since_epoch()).count();
-  expects(made_.empty() || applied.number == made_.back().number + 1, "edits of a group follow one another");
+  expects(batch_.made.empty() || applied.number == batch_.made.back().number + 1, "edits of a group follow one another");
   applied.operation = history_.packed(applied.number);
   applied.ground = edits::groundOf(*changed);
-  changedPosts_.push_back(*changed);  // the last that may run out of memory
+  batch_.changed.push_back(*changed);  // the last that may run out of memory
   bytes_ += applied.bytes();
   space_->kept.take(applied.bytes(), ~std::uint64_t{0});
-  made_.push_back(std::move(applied));
+  batch_.made.push_back(std::move(applied));
   return history_.last();
 }
 
 void Edits::keep() {
   try {
-    isKept_ = append();
+    batch_.isKept = append();
   } catch (const std::bad_alloc&) {
-    isKept_ = outOfMemory().error();
+    batch_.isKept = outOfMemory().error();
   }
   pool_->post([self = shared_from_this()] { self->publish(); });
 }
 
 Outcome<void> Edits::append() {
   if (!kept_.store) {
-    auto store = kept_.makeStore(edits::clientOf(made_.front().author));
+    auto store = kept_.makeStore(edits::clientOf(batch_.made.front().author));
     if (!store) return store.error();
     kept_.store = std::move(*store);
   }
-  auto appended = kept_.store->append(made_, {*before_, *history_.layer(), changedPosts_});
+  auto appended = kept_.store->append(batch_.made, {*batch_.before, *history_.layer(), batch_.changed});
   if (!appended) return told(appended.error());
   trouble_.clear();
   return appended;
@@ -298,60 +298,51 @@ Error Edits::told(Error e) {
 }
 
 void Edits::takeBack(const Answer& why) {
-  const std::uint64_t before = made_.front().number - 1;
-  for (const Applied& m : made_) {
+  const std::uint64_t before = batch_.made.front().number - 1;
+  for (const Applied& m : batch_.made) {
     space_->kept.give(m.bytes());
     expects(bytes_ >= m.bytes(), "a session's edits are counted");
     bytes_ -= m.bytes();
   }
-  while (history_.last() > before) history_.takeBack(before_);
-  for (std::size_t k = 0; k < done_; ++k)
+  while (history_.last() > before) history_.takeBack(batch_.before);
+  for (std::size_t k = 0; k < batch_.done; ++k)
     if (auto& answer = group_[k]->answer; *answer && **answer > before) answer = why;
-  made_.clear();
+  batch_.made.clear();
 }
 
 void Edits::publish() {
-  expects(done_ <= group_.size(), "what is done is of the group");
-  if (!made_.empty() && !isKept_) takeBack(full(isKept_.error().message));
-  if (noted_) std::ranges::for_each(made_, noted_);
+  expects(batch_.done <= group_.size(), "what is done is of the group");
+  if (!batch_.made.empty() && !batch_.isKept) takeBack(full(batch_.isKept.error().message));
+  if (noted_) std::ranges::for_each(batch_.made, noted_);
   {
     const std::lock_guard lock(mutex_);
-    if (!made_.empty()) ground_ = std::move(next_);
-    for (const Applied& m : made_) areas_.push_back(m.ground);
+    if (!batch_.made.empty()) ground_ = std::move(batch_.next);
+    for (const Applied& m : batch_.made) areas_.push_back(m.ground);
     if (areas_.size() > kRecent) areas_.erase(areas_.begin(), areas_.end() - kRecent);
     expects(waiting_.size() >= group_.size() && std::equal(group_.begin(), group_.end(), waiting_.begin()),
             "a group is what waits in front");
-    for (std::size_t k = 0; k < done_; ++k) open_.erase(group_[k]->asked.key);  // nobody joins any more
-    for (std::size_t k = 0; k < done_; ++k) forget(*waiting_[k]);
-    waiting_.erase(waiting_.begin(), waiting_.begin() + static_cast<std::ptrdiff_t>(done_));
+    for (std::size_t k = 0; k < batch_.done; ++k) open_.erase(group_[k]->asked.key);  // nobody joins any more
+    for (std::size_t k = 0; k < batch_.done; ++k) space_->waiting.give(group_[k]->asked.bytes());
+    waiting_.erase(waiting_.begin(), waiting_.begin() + static_cast<std::ptrdiff_t>(batch_.done));
   }
-  if (!made_.empty()) changed_();
-  for (std::size_t k = 0; k < done_; ++k) {
+  if (!batch_.made.empty()) changed_();
+  for (std::size_t k = 0; k < batch_.done; ++k) {
     Waiting& w = *group_[k];
     expects(w.answer.has_value(), "an edit that is done has its answer");
     for (const Done& done : w.done) done(*w.answer, std::exchange(w.posts, 0));
   }
-  group_.erase(group_.begin(), group_.begin() + static_cast<std::ptrdiff_t>(done_));
-  done_ = 0;
-  worked_ = {};
-  made_.clear();
-  changedPosts_.clear();
-  before_.reset();
+  group_.erase(group_.begin(), group_.begin() + static_cast<std::ptrdiff_t>(batch_.done));
+  batch_ = {};
   goOn();
-}
-
-void Edits::forget(const Waiting& waiting) {
-  space_->waiting.give(waiting.asked.bytes());
-  waitingBytes_ -= waiting.asked.bytes();
 }
 
 void Edits::goOn() {
   std::deque<std::shared_ptr<Waiting>> refused;
   {
     const std::lock_guard lock(mutex_);
-    if (isOver_) {
+    if (state_ == State::kOver) {
       refused.swap(waiting_);
-      for (const auto& w : refused) forget(*w);
+      for (const auto& w : refused) space_->waiting.give(w->asked.bytes());
       group_.clear();
       open_.clear();
       disk_->post([self = shared_from_this()] {
@@ -364,7 +355,7 @@ void Edits::goOn() {
     } else if (!waiting_.empty()) {
       disk_->post([self = shared_from_this()] { self->lookUp(); });
     } else {
-      isBusy_ = false;
+      state_ = State::kRests;
     }
   }
   for (const auto& w : refused)

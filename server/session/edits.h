@@ -133,10 +133,8 @@ class Edits : public std::enable_shared_from_this<Edits> {
   Answer finish(Waiting& waiting);
   Outcome<void> append();
   void takeBack(const Answer& why);
-  void forget(const Waiting& waiting);  // under the lock
-  Error told(Error e);                  // to the operator, once while the same error lasts, with the folder, which clients are not told
+  Error told(Error e);  // to the operator, once while the same error lasts, with the folder, which clients are not told
 
-  const std::shared_ptr<const terrain::Terrain> terrain_;
   const std::shared_ptr<scheduling::Pool> pool_, disk_;
   const std::shared_ptr<EditSpace> space_;
   const std::function<void()> changed_;
@@ -151,20 +149,22 @@ class Edits : public std::enable_shared_from_this<Edits> {
   edits::History history_;
   const std::uint64_t compacted_;
   std::deque<std::shared_ptr<Waiting>> group_;  // looked up: the first of waiting_
-  std::size_t done_ = 0;                        // of those, that have their answers, or will once they are kept
-  std::chrono::nanoseconds worked_{};
   struct Making {
     edits::History::Making making;
     std::shared_ptr<const edits::Layer> before;
     std::uint64_t last = 0, looked = 0;  // of the history before it
   };
-  std::unique_ptr<Making> making_;  // of group_[done_]
-  std::vector<Applied> made_;
-  std::uint64_t bytes_ = 0;                     // of all edits, with those; taken from the space
-  std::vector<edits::Posts> changedPosts_;      // by those
-  std::shared_ptr<const edits::Layer> before_;  // those
-  Ground next_;                                 // with those
-  Outcome<void> isKept_;
+  struct Batch {
+    std::size_t done = 0;  // of group_, that have their answers, or will once they are kept
+    std::chrono::nanoseconds worked{};
+    std::unique_ptr<Making> making;  // group_[done]
+    std::vector<Applied> made;
+    std::vector<edits::Posts> changed;           // by those
+    std::shared_ptr<const edits::Layer> before;  // those
+    Ground next;                                 // with those
+    Outcome<void> isKept;
+  } batch_;                  // for one write
+  std::uint64_t bytes_ = 0;  // of all edits, with the batch's; taken from the space
 
   mutable std::mutex mutex_;
   Ground ground_;
@@ -172,9 +172,7 @@ class Edits : public std::enable_shared_from_this<Edits> {
   std::deque<std::shared_ptr<Waiting>> waiting_;                    // for their answers, in order
   std::unordered_map<std::string, std::shared_ptr<Waiting>> open_;  // those with a key
   std::vector<Reading> readings_;
-  std::uint64_t waitingBytes_ = 0;  // of those, taken from the space
-  bool isBusy_ = false;             // a group is under way
-  bool isOver_ = false;
+  enum class State { kRests, kBusy, kOver } state_ = State::kRests;  // busy: a group is under way
 };
 
 }  // namespace ridgecast::session

@@ -94,16 +94,8 @@ std::size_t Presence::takeBytes(std::uint64_t camera) {
 }
 
 void Presence::membersChanged() {
-  if (membersDue_) return;
   if (std::none_of(entries_.begin(), entries_.end(), [](const auto& e) { return e.second.wantsMembers; })) return;
-  membersDue_ = true;
-  timer_.at(std::max(timer_.now(), lastNotified_ + kMinPause), [weak = weak_from_this()] {
-    const auto self = weak.lock();
-    if (!self) return;
-    const std::lock_guard lock(self->mutex_);
-    self->membersDue_ = false;
-    self->notifyMembers();
-  });
+  membersAlarm_.set(timer_, std::max(timer_.now(), lastNotified_ + kMinPause), weak_from_this(), mutex_, &Presence::notifyMembers);
 }
 
 void Presence::notifyMembers() {
@@ -210,18 +202,15 @@ void Presence::watchStep() {
     watchedStep_ = clock_.step();
     stepBegan_ = now;
   }
-  if (stepDue_ || clock_.waitsFor().empty()) return;
-  stepDue_ = true;
-  timer_.at(stepBegan_ + kStepTimeout, [weak = weak_from_this()] {
-    const auto self = weak.lock();
-    if (!self) return;
-    const std::lock_guard lock(self->mutex_);
-    self->stepDue_ = false;
-    if (self->timer_.now() >= self->stepBegan_ + kStepTimeout)
-      for (const std::uint64_t late : std::set(self->clock_.waitsFor()))
-        self->passOver(late, "because it was not done within " + std::to_string(kStepTimeout.count()) + " s");
-    self->watchStep();
-  });
+  if (clock_.waitsFor().empty()) return;
+  stepAlarm_.set(timer_, stepBegan_ + kStepTimeout, weak_from_this(), mutex_, &Presence::passOverLate);
+}
+
+void Presence::passOverLate() {
+  if (timer_.now() >= stepBegan_ + kStepTimeout)
+    for (const std::uint64_t late : std::set(clock_.waitsFor()))
+      passOver(late, "because it was not done within " + std::to_string(kStepTimeout.count()) + " s");
+  watchStep();
 }
 
 bool Presence::passOver(std::uint64_t camera, const std::string& why) {
@@ -257,15 +246,7 @@ void Presence::notifyOfClock() {
     else
       all = false;
   }
-  if (all || clockDue_) return;
-  clockDue_ = true;
-  timer_.at(timer_.now() + kClockRetry, [weak = weak_from_this()] {
-    const auto self = weak.lock();
-    if (!self) return;
-    const std::lock_guard lock(self->mutex_);
-    self->clockDue_ = false;
-    self->notifyOfClock();
-  });
+  if (!all) clockAlarm_.set(timer_, timer_.now() + kClockRetry, weak_from_this(), mutex_, &Presence::notifyOfClock);
 }
 
 void Presence::sendClock(Entry& entry, std::uint64_t echo, std::string notice) {

@@ -102,6 +102,7 @@ class Presence : public std::enable_shared_from_this<Presence> {
   void sendClock(Entry& entry, std::uint64_t echo, std::string notice = {});
   std::string whyNotYours() const;
   void watchStep();
+  void passOverLate();
   bool passOver(std::uint64_t camera, const std::string& why);  // false: no step waits for it anyway
 
   const Timer& timer_;
@@ -110,7 +111,7 @@ class Presence : public std::enable_shared_from_this<Presence> {
   std::map<std::uint64_t, Entry> entries_;
   std::uint64_t version_ = 0;
   Timer::Time lastNotified_{};
-  bool membersDue_ = false, clockDue_ = false, stepDue_ = false;
+  Alarm membersAlarm_, clockAlarm_, stepAlarm_;
   Clock clock_;
   std::function<void(std::uint64_t time)> goBack_;  // of a recording
   std::uint64_t watchedStep_ = 0;

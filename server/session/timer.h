@@ -4,6 +4,8 @@
 #include <chrono>
 #include <functional>
 #include <memory>
+#include <mutex>
+#include <utility>
 
 namespace ridgecast::session {
 
@@ -19,6 +21,26 @@ class Timer {
   virtual Time now() const = 0;
   // Runs `call` once on the timer's thread; it must be brief. Drops calls that are not due when the timer ends.
   virtual void at(Time when, std::function<void()> call) const = 0;
+};
+
+// A call that an object makes to itself, under its own lock, unless it is gone by then; at most one waits at a time. Under that lock.
+class Alarm {
+ public:
+  // `owner` has this alarm, `mutex` and `call`. Nothing, if one waits already.
+  template <class Owner, class Call>
+  void set(const Timer& timer, Timer::Time when, std::weak_ptr<Owner> owner, std::mutex& mutex, Call Owner::*call) {
+    if (std::exchange(isSet_, true)) return;
+    timer.at(when, [this, owner = std::move(owner), &mutex, call] {
+      const auto self = owner.lock();
+      if (!self) return;
+      const std::lock_guard lock(mutex);
+      isSet_ = false;
+      std::invoke(call, *self);
+    });
+  }
+
+ private:
+  bool isSet_ = false;
 };
 
 // Real time. One thread for all calls.
