@@ -20,9 +20,6 @@ namespace {
 using link::Connection;
 using testing::HasSubstr;
 
-// More than a client may owe: whatever is charged after it is refused.
-const std::string kDear = R"({"op":"level","polygon":[[-325,-325],[325,-325],[325,325],[-325,325]],"height":300})";
-
 class EditKeysTest : public AccessTest {
  protected:
   std::vector<http::Route> routes() override {
@@ -52,10 +49,6 @@ class EditKeysTest : public AccessTest {
     const auto answer = connection.edit({0, key, operation}).get();
     EXPECT_TRUE(answer) << answer.error().message;
     return answer ? answer->number : 0;
-  }
-  static std::string refusal(Connection& connection, const std::string& operation, const std::string& key) {
-    const auto answer = connection.edit({0, key, operation}).get();
-    return answer ? "made" : answer.error().message;
   }
   std::string post(const std::string& operation, const std::string& key = "", const std::string& token = "") const {
     SocketClient client(server->port());
@@ -106,15 +99,6 @@ TEST_F(EditKeysTest, TheAuthorIsTheHolderAndTheNameStandsBesideIt) {
               HasSubstr(R"({"number": 1, "author": "token of lab", "name": "ann", "edit": )"));
 }
 
-TEST_F(EditKeysTest, DefaultNamesShareNoKeys) {
-  startWithTokens();
-  const auto one = join("", lab.token), other = join("", guest.token);
-  EXPECT_EQ(make(*one, craterAt(0), "k"), 1u);
-  EXPECT_EQ(make(*other, craterAt(50), "k"), 2u);
-  EXPECT_THAT(post(craterAt(50), "k", guest.token), HasSubstr(number(2)));
-  EXPECT_EQ(last(), 2u);
-}
-
 TEST_F(EditKeysTest, WithoutTokensAKeyIsTheAddressesAndTheNames) {
   settings.trustedProxies = {access::Network::parse("127.0.0.1").value()};
   start();
@@ -131,41 +115,6 @@ TEST_F(EditKeysTest, WithoutTokensAKeyIsTheAddressesAndTheNames) {
   EXPECT_THAT(from("192.0.2.2", craterAt(90)), HasSubstr(number(3)));
   EXPECT_THAT(from("192.0.2.1", craterAt(50)), HasSubstr(number(2)));
   EXPECT_EQ(last(), 3u);
-}
-
-TEST_F(EditKeysTest, AKnownKeyWithAnotherEditIsRefused) {
-  start();
-  EXPECT_THAT(post(craterAt(0), "k"), HasSubstr(number(1)));
-  const std::string another = post(craterAt(50), "k");
-  EXPECT_THAT(another, HasSubstr(" 422 "));
-  EXPECT_THAT(another, HasSubstr("The key is that of another edit, number 1"));
-  const auto ann = join("ann");
-  EXPECT_EQ(make(*ann, craterAt(0), "k"), 2u);
-  EXPECT_THAT(refusal(*ann, craterAt(50), "k"), HasSubstr("The key is that of another edit, number 2"));
-  EXPECT_EQ(last(), 2u);
-}
-
-// As a client whose patience is shorter than an edit.
-TEST_F(EditKeysTest, AskedAgainBeforeItIsMadeIsMadeOnceAndNeverRefused) {
-  start();
-  const auto ann = join("ann");
-  std::vector<std::future<Outcome<wire::EditAnswer>>> answers;
-  for (int k = 0; k < 20; ++k) answers.push_back(ann->edit({0, "k", kDear}));
-  for (auto& answer : answers) {
-    const auto made = answer.get();
-    ASSERT_TRUE(made) << "refused, and made: " << made.error().message;
-    EXPECT_EQ(made->number, 1u);
-  }
-  EXPECT_EQ(make(*ann, kDear, "k"), 1u);
-  EXPECT_EQ(last(), 1u);
-}
-
-TEST_F(EditKeysTest, AKnownKeyByHttpIsNotCharged) {
-  start();
-  EXPECT_THAT(post(craterAt(0), "k"), HasSubstr(number(1)));
-  const auto budgets = owing();
-  for (int k = 0; k < 5; ++k) EXPECT_THAT(post(craterAt(0), "k"), HasSubstr(number(1)));
-  EXPECT_EQ(last(), 1u);
 }
 
 // 429 means that nothing was made, of which 503 says nothing.

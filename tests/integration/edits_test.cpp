@@ -1,11 +1,10 @@
-// Edits over loopback: everybody's mesh follows them, hash for hash, whoever comes late, was away, or reads slowly.
+// Edits over loopback: everybody's mesh follows them, hash for hash, and answers know them.
 #include <gtest/gtest.h>
 
 #include <algorithm>
 #include <atomic>
 #include <chrono>
 #include <cmath>
-#include <future>
 #include <memory>
 #include <random>
 #include <stop_token>
@@ -16,8 +15,6 @@
 #include "client/link/client.h"
 #include "client/query/ground.h"
 #include "common/edits/edited_terrain.h"
-#include "common/edits/history.h"
-#include "common/edits/json.h"
 #include "tests/integration/edits_fixture.h"
 #include "tests/support/relay.h"
 #include "tests/support/sanitized.h"
@@ -109,84 +106,6 @@ TEST_F(EditsTest, PostsThatAreFetchedGiveTheServersGround) {
       ASSERT_EQ(held.layer()->materialAt(p), dynamic_cast<const edits::EditedTerrain&>(*theirs).layer()->materialAt(p));
     }
   }
-}
-
-TEST_F(EditsTest, WhoeverComesLateOrWasAwayHoldsTheSame) {
-  Member early(port(), "early");
-  const double y = base->height({0, 0}) + 60;
-  early.stand(0, 0, y);
-  early.settle(0);
-  std::mt19937_64 random(3);
-  constexpr int kEdits = testing_support::kSanitized ? 60 : 300;
-  std::vector<std::future<Outcome<wire::EditAnswer>>> answers;
-  for (int k = 0; k < kEdits; ++k) {
-    const auto place = [&] { return static_cast<double>(random() % 300) - 150; };
-    answers.push_back(early.connection().edit(
-        {0, "", k % 7 == 6 ? R"({"op":"undo","edit":)" + std::to_string(k - 1) + "}" : craterAt(place(), place(), 3)}));
-    if (k % 50 == 49) {  // within the budget
-      std::this_thread::sleep_for(200ms);
-      early.follow(0ms);
-    }
-  }
-  std::uint64_t last = 0;
-  for (auto& answer : answers) {
-    while (answer.wait_for(0s) != std::future_status::ready) early.follow(1ms);
-    if (const auto made = answer.get()) last = std::max(last, made->number);
-  }
-  EXPECT_GT(last, static_cast<std::uint64_t>(kEdits) * 3 / 4);
-  early.settle(last);
-  Member late(port(), "late");
-  late.stand(0, 0, y);
-  late.settle(last);
-  EXPECT_EQ(late.connection().world().edit, last);
-  // Both know the same edits, from which anybody makes the same ground.
-  const auto known = early.edits(last), heard = late.edits(last);
-  ASSERT_EQ(known.size(), last);
-  ASSERT_EQ(heard.size(), last);
-  edits::History history(base);
-  for (std::size_t k = 0; k < known.size(); ++k) {
-    EXPECT_EQ(known[k].operation, heard[k].operation);
-    ASSERT_TRUE(history.add(edits::fromJson(known[k].operation).value()));
-  }
-  const edits::EditedTerrain mine(base, history.layer());
-  const auto theirs = directory->find("default")->terrain();
-  for (int k = 0; k < 10'000; ++k) {
-    const lattice::Point p{static_cast<Step>(random() % 102'400) - 51'200, static_cast<Step>(random() % 102'400) - 51'200};
-    float a = 0, b = 0;
-    mine.heights({&p.x, 1}, {&p.z, 1}, {&a, 1});
-    theirs->heights({&p.x, 1}, {&p.z, 1}, {&b, 1});
-    ASSERT_EQ(a, b);
-  }
-  Member again(port(), "again", true, last - 5);
-  EXPECT_EQ(again.edits(last).size(), 5u);
-}
-
-TEST_F(EditsTest, AtOneSpotHaveOneOrder) {
-  std::vector<std::unique_ptr<Member>> members;
-  for (int k = 0; k < 4; ++k) members.push_back(std::make_unique<Member>(port(), "m" + std::to_string(k)));
-  std::vector<std::future<Outcome<wire::EditAnswer>>> answers;
-  for (int round = 0; round < 10; ++round)
-    for (int k = 0; k < 4; ++k)
-      answers.push_back(members[static_cast<std::size_t>(k)]->connection().edit(
-          {0, "", edits::toJson({edits::Level{{{0, 0}}, m(5), static_cast<std::int32_t>(m(500 + 7 * k + round)), 256}, 0})}));
-  for (auto& answer : answers) ASSERT_TRUE(answer.get());
-  const auto first = members[0]->edits(40);
-  ASSERT_EQ(first.size(), 40u);
-  for (auto& member : members) {
-    const auto seen = member->edits(40);
-    ASSERT_EQ(seen.size(), 40u);
-    for (std::size_t k = 0; k < 40; ++k) EXPECT_EQ(seen[k].operation, first[k].operation);
-  }
-}
-
-TEST_F(EditsTest, SentTwiceTheyAreMadeOnce) {
-  Member a(port(), "ann");
-  EXPECT_EQ(a.edit(craterAt(0, 0), "k1")->number, 1u);
-  EXPECT_EQ(a.edit(craterAt(0, 0), "k1")->number, 1u);
-  Member again(port(), "ann");
-  EXPECT_EQ(again.edit(craterAt(0, 0), "k1")->number, 1u);
-  Member other(port(), "bob");
-  EXPECT_EQ(other.edit(craterAt(0, 0), "k1")->number, 2u);
 }
 
 TEST_F(EditsTest, AreInAnswersThatAreComputedHere) {

@@ -1,12 +1,10 @@
-// Eight members of one session, two of them sensors, over loopback: each sees the others, their clocks agree, and a stepped clock waits for
-// everybody. RIDGECAST_MEMBERS_SECONDS makes it longer than a few seconds; MEASURE=1, on a machine that does nothing else, says how soon
+// Eight members of one session, two of them sensors, over loopback: each sees the others, and their clocks agree. RIDGECAST_MEMBERS_SECONDS makes it longer than a few seconds; MEASURE=1, on a machine that does nothing else, says how soon
 // and how closely.
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <array>
 #include <atomic>
 #include <chrono>
 #include <cstdlib>
@@ -14,7 +12,6 @@
 #include <memory>
 #include <mutex>
 #include <stdexcept>
-#include <stop_token>
 #include <string>
 #include <thread>
 #include <vector>
@@ -60,11 +57,11 @@ wire::PoseMessage poseAt(std::uint64_t sequence) {
 class MembersTest : public LoopbackTest {
  protected:
   void SetUp() override {
-    open([](const session::WorldSpec& spec, const std::stop_token&) { return terrain::create(spec.terrain, spec.seed); });
+    open();
     listen();
   }
-  std::unique_ptr<Connection> join(const wire::Hello& hello, const std::string& session = "default") {
-    const std::string url = "127.0.0.1:" + std::to_string(server->port()) + "?session=" + session;
+  std::unique_ptr<Connection> join(const wire::Hello& hello) {
+    const std::string url = "127.0.0.1:" + std::to_string(server->port());
     auto opened = Connection::open(core::parseUrl(url).value(), hello, {.reconnects = false, .timeout = kTimeout});
     if (!opened) throw std::runtime_error(opened.error().message);
     return std::move(*opened);
@@ -159,83 +156,6 @@ TEST_F(MembersTest, EightMembersSeeEachOtherInTimeAndTheirClocksAgree) {
   }
 }
 
-TEST_F(MembersTest, AWaitingStepNeverRunsAheadOfAMember) {
-  auto owner = join(helloOf("owner"));
-  owner->setClock({true, wire::ClockMode::kStepped, 0});
-  while (owner->clock().said().owner != owner->world().camera) ASSERT_TRUE(owner->waitForClock(owner->clock().version(), kTimeout));
-
-  const std::uint64_t begin = owner->clock().said().time;
-  constexpr std::size_t kOthers = 7;
-  constexpr std::uint64_t kSteps = 60;
-  std::vector<std::unique_ptr<Connection>> others;
-  for (std::size_t k = 0; k < kOthers; ++k) others.push_back(join(helloOf("other", k < 2 ? wire::Role::kSensor : wire::Role::kViewer)));
-  for (auto& o : others) ASSERT_TRUE(o->waitForClock(0, kTimeout));
-
-  std::array<std::atomic<std::uint64_t>, kOthers> done{};  // steps that each has finished its work for
-  std::atomic<bool> ranAhead{false};
-  std::vector<std::thread> threads;
-  for (std::size_t k = 0; k < kOthers; ++k)
-    threads.emplace_back([&, k] {
-      Connection& me = *others[k];
-      std::uint64_t version = 0;
-      while (done[k] < kSteps && me.waitForClock(version, kTimeout)) {
-        const auto clock = me.clock();
-        version = clock.version();
-        const auto& said = clock.said();
-        for (const auto& d : done)
-          if (said.step > d + 1) ranAhead = true;  // the step before is not done by somebody
-        if (said.time != begin + said.step * 20'000) ranAhead = true;
-        if (!clock.waitsFor(me.world().camera) || said.step == done[k]) continue;
-        if ((said.step + k) % 9 == 0) std::this_thread::sleep_for(2ms);  // its work
-        done[k] = said.step;
-        me.stepDone({said.step});
-      }
-    });
-  for (std::uint64_t s = 0; s < kSteps; ++s) owner->step({20'000, true});  // queued, as far as they do not wait
-  for (auto& t : threads) t.join();
-  for (const auto& d : done) EXPECT_EQ(d, kSteps);
-  EXPECT_FALSE(ranAhead);
-  EXPECT_FALSE(owner->error());
-}
-
-TEST_F(MembersTest, NoRealTimePassesInASessionThatBeginsStepped) {
-  const std::string lab = "lab&terrain=canyon&clock=stepped";
-  auto first = join(helloOf("first"), lab);
-  std::this_thread::sleep_for(50ms);
-  auto second = join(helloOf("second"), lab);
-  for (const auto* member : {first.get(), second.get()}) {
-    ASSERT_TRUE(member->waitForClock(0, kTimeout));
-    EXPECT_EQ(member->clock().said().mode, wire::ClockMode::kStepped);
-    EXPECT_EQ(member->clock().said().time, 0u);
-    EXPECT_EQ(member->clock().said().owner, 0u);
-  }
-  second->setClock({true, wire::ClockMode::kStepped, 0});
-  second->step({20'000, false});
-  while (first->clock().said().step != 1) ASSERT_TRUE(first->waitForClock(first->clock().version(), kTimeout));
-  EXPECT_EQ(first->clock().said().time, 20'000u);
-  EXPECT_THROW(join(helloOf("third"), "lab&clock=real-time"), std::runtime_error);
-}
-
-TEST_F(MembersTest, WhoLeavesIsNotWaitedForAndAnotherTakesTheClock) {
-  auto owner = join(helloOf("owner")), lazy = join(helloOf("lazy")), next = join(helloOf("next"));
-  owner->setClock({true, wire::ClockMode::kStepped, 0});
-  while (owner->clock().said().owner == 0) ASSERT_TRUE(owner->waitForClock(owner->clock().version(), kTimeout));
-  owner->step({1000, true});
-  while (next->clock().said().step != 1) ASSERT_TRUE(next->waitForClock(next->clock().version(), kTimeout));
-  next->stepDone({1});
-  lazy.reset();
-  while (!owner->clock().said().waitsFor.empty() || owner->clock().said().step != 1)
-    ASSERT_TRUE(owner->waitForClock(owner->clock().version(), kTimeout));
-  next->setClock({true, wire::ClockMode::kRealTime, 1});  // in vain
-  std::this_thread::sleep_for(300ms);
-  EXPECT_EQ(next->clock().said().owner, owner->world().camera);
-  owner.reset();
-  while (next->clock().said().owner != 0) ASSERT_TRUE(next->waitForClock(next->clock().version(), kTimeout));
-  next->setClock({true, wire::ClockMode::kScaled, 3});
-  while (next->clock().said().owner != next->world().camera) ASSERT_TRUE(next->waitForClock(next->clock().version(), kTimeout));
-  EXPECT_EQ(next->clock().said().rate, 3);
-}
-
 TEST_F(MembersTest, TheStateOfAMemberComesWithItsPose) {
   auto car = join(helloOf("car")), watcher = join(helloOf("watcher"));
   const auto seen = [&](Connection& of) {
@@ -259,20 +179,6 @@ TEST_F(MembersTest, TheStateOfAMemberComesWithItsPose) {
   car->send(pose);
   ASSERT_TRUE(testing_support::await([&] { return car->error().has_value(); }));
   EXPECT_NE(car->error()->message.find("Pose.state must be at most 256 bytes"), std::string::npos) << car->error()->message;
-}
-
-TEST_F(MembersTest, AnOldClientIsSentNothingNew) {
-  wire::Hello old;  // wants nothing
-  auto client = join(old);
-  auto other = join(helloOf("other"));
-  other->send(poseAt(1));
-  ASSERT_TRUE(other->receive(kTimeout));
-  client->send(poseAt(1));
-  ASSERT_TRUE(client->receive(kTimeout));
-  EXPECT_FALSE(client->others());
-  EXPECT_EQ(client->clock().version(), 0u);
-  EXPECT_FALSE(client->error());
-  EXPECT_TRUE(testing_support::await([&] { return other->others() && other->others()->others().size() == 1; }));
 }
 
 }  // namespace

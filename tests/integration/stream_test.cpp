@@ -1,6 +1,5 @@
 // Net, sessions and pipelines together with the client's connection and scene, in one process over loopback.
 
-#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <atomic>
@@ -10,11 +9,7 @@
 #include <thread>
 #include <vector>
 
-#include "server/directory/directory.h"
-#include "server/logging/logging.h"
-#include "server/net/server.h"
-#include "server/scheduling/pool.h"
-#include "server/session/session.h"
+#include "tests/integration/loopback.h"
 #include "tests/support/flier.h"
 #include "tests/support/waiting.h"
 
@@ -23,8 +18,6 @@ namespace {
 
 using namespace std::chrono_literals;
 using namespace testing_support;
-using testing::AnyOf;
-using testing::HasSubstr;
 
 camera::Camera cameraAt(double t) {
   camera::Camera c;
@@ -44,44 +37,15 @@ wire::Settings coarse() {
   return s;
 }
 
-class StreamTest : public testing::Test {
+class StreamTest : public LoopbackTest {
  protected:
   void SetUp() override {
-    logging::setUp(logging::Format::kText, logging::Level::kWarning);
-    settings.port = 0;
-    start();
-  }
-  void TearDown() override { stop(); }
-  void start() {
-    executor = std::make_unique<scheduling::Executor>(2);
-    auto resources = std::make_shared<session::Resources>();
-    resources->executor = executor.get();
-    resources->makeMesh = session::pipelineMeshes();
-    resources->serverName = "integration";
-    directory = std::make_shared<session::Directory>(resources, terrain::create("alpine", 1).value());
-    auto made = net::Server::listen(settings, directory);
-    ASSERT_TRUE(made) << made.error().message;
-    server = std::move(*made);
-    settings.port = server->port();
-  }
-  void stop() {
-    if (server) server->shutdown();
-    executor.reset();
-    server.reset();
-    directory.reset();
+    open();
+    listen();
   }
   std::string url(const std::string& session = "default") const {
-    return "ws://127.0.0.1:" + std::to_string(settings.port) + "/v1/stream?session=" + session;
+    return "ws://127.0.0.1:" + std::to_string(server->port()) + "/v1/stream?session=" + session;
   }
-  // Places are given back a moment after a client has gone.
-  bool cameras(std::uint32_t expected) const {
-    return await([&] { return directory->cameras() == expected; });
-  }
-
-  net::Settings settings;
-  std::unique_ptr<net::Server> server;  // outlives the executor, whose tasks send through it
-  std::unique_ptr<scheduling::Executor> executor;
-  std::shared_ptr<session::Directory> directory;
 };
 
 TEST_F(StreamTest, AFlightEndsInAMeshThatIsSound) {
@@ -131,38 +95,6 @@ TEST_F(StreamTest, SessionsAreWorldsOfTheirOwn) {
   EXPECT_EQ(there.scene().hash(), beside.scene().hash());
 }
 
-TEST_F(StreamTest, AMeshThatWentWrongIsMended) {
-  wire::Hello hello;
-  hello.settings = coarse();
-  hello.pacing = wire::Pacing::kLockstep;
-  auto connection = link::Connection::open(core::parseUrl(url()).value(), hello, {.reconnects = false, .timeout = kTimeout}).value();
-  core::Scene held;
-  std::uint64_t sequence = 0;
-  const auto next = [&] {
-    connection->send({++sequence, cameraAt(0)});
-    auto r = connection->receive(kTimeout);
-    if (!r) throw std::runtime_error("no iteration");
-    return std::move(r->iteration);
-  };
-  auto first = next();
-  ASSERT_TRUE(held.apply(first));
-  // The client says that it holds something else: all comes again, and after that only changes.
-  connection->acknowledge({first.number, first.meshHash + 1});
-  auto second = next();
-  EXPECT_EQ(second.whole.size(), held.leaves().size());
-  core::Scene fresh;
-  ASSERT_TRUE(fresh.apply(second));
-  EXPECT_EQ(fresh.hash(), second.meshHash);
-  connection->acknowledge({second.number, fresh.hash()});
-  // By name, one leaf alone.
-  const lattice::LeafAddress wanted = fresh.leaves().begin()->first;
-  connection->resend({{wanted}});
-  const auto third = next();
-  EXPECT_TRUE(std::any_of(third.whole.begin(), third.whole.end(), [&](const auto& leaf) { return leaf.address == wanted; }));
-  ASSERT_TRUE(fresh.apply(third));
-  EXPECT_EQ(fresh.hash(), third.meshHash);
-}
-
 TEST_F(StreamTest, SettingsChangeOnTheWayAndTheMeshStaysTheSameOnBothSides) {
   wire::Hello hello;
   hello.settings = coarse();
@@ -205,46 +137,6 @@ TEST_F(StreamTest, SettingsChangeOnTheWayAndTheMeshStaysTheSameOnBothSides) {
   EXPECT_GT(connection->granted().threshold, 0);
 }
 
-TEST_F(StreamTest, ClientsThatLeaveInTheMiddleGiveTheirPlaceBack) {
-  for (int round = 0; round < 5; ++round) {
-    std::vector<std::unique_ptr<Flier>> fliers;
-    for (int k = 0; k < 6; ++k) fliers.push_back(std::make_unique<Flier>(url(), coarse()));
-    EXPECT_EQ(directory->cameras(), 6u);
-    for (auto& f : fliers)
-      for (int k = 0; k < 5; ++k) f->send(cameraAt(k));
-    for (std::size_t k = 0; k < fliers.size(); k += 2) fliers[k]->take(kTimeout);
-    fliers.clear();
-    EXPECT_TRUE(cameras(0));
-  }
-}
-
-TEST_F(StreamTest, AServerThatGoesIsToldOfAndItsSuccessorTakesOver) {
-  std::vector<std::thread> pilots;
-  std::vector<std::string> ends(3);
-  std::atomic<int> flying = 0;
-  for (std::string& end : ends)
-    pilots.emplace_back([this, &end, &flying] {
-      try {
-        Flier flier(url(), coarse());
-        for (int k = 0;; ++k) {
-          flier.step(cameraAt(k * 0.1));
-          if (k == 0) ++flying;
-        }
-      } catch (const std::exception& e) {
-        end = e.what();
-      }
-    });
-  EXPECT_TRUE(await([&] { return flying == 3; }));
-  stop();
-  for (std::thread& p : pilots) p.join();
-  for (const std::string& end : ends)
-    EXPECT_THAT(end, AnyOf(HasSubstr("leaving"), HasSubstr("shutting down"), HasSubstr("closed"), HasSubstr("ended")));
-  start();  // on the same port
-  Flier again(url(), coarse());
-  for (int k = 0; k < 3; ++k) again.step(cameraAt(k));
-  EXPECT_TRUE(again.check().clean());
-}
-
 TEST_F(StreamTest, ManyComeFlyAndGoAtOnce) {
   std::vector<std::thread> pilots;
   std::atomic<int> failures = 0;
@@ -265,7 +157,7 @@ TEST_F(StreamTest, ManyComeFlyAndGoAtOnce) {
   for (std::thread& p : pilots) p.join();
   EXPECT_EQ(failures, 0);
   for (const std::uint64_t hash : hashes) EXPECT_EQ(hash, hashes[0]);
-  EXPECT_TRUE(cameras(0));
+  EXPECT_TRUE(await([&] { return directory->cameras() == 0; }));  // a moment after they have gone
 }
 
 }  // namespace
