@@ -1,7 +1,6 @@
 """The package as it is installed, against the wheel's own server."""
 
 import json
-import json
 import os
 import signal
 import subprocess
