@@ -7,7 +7,6 @@
 #include <chrono>
 #include <filesystem>
 #include <fstream>
-#include <functional>
 #include <memory>
 #include <random>
 #include <string>
@@ -120,17 +119,6 @@ TEST_F(Hostile, HttpThatIsNone) {
   }
 }
 
-TEST_F(Hostile, AnotherProtocolVersion) {
-  SocketClient client(port());
-  ASSERT_TRUE(client.upgrade());
-  wire::Hello hello;
-  hello.protocolVersion = 2;
-  client.message(wire::encode(wire::ClientMessage{hello}));
-  const wire::ErrorMessage error = lastWords(client);
-  EXPECT_EQ(error.code, wire::ErrorCode::kVersion);
-  EXPECT_NE(error.message.find("version"), std::string::npos) << error.message;
-}
-
 TEST_F(Hostile, RandomMessages) {
   std::mt19937_64 random(2);
   for (int k = 0; k < 40; ++k) {
@@ -155,35 +143,12 @@ TEST_F(Hostile, RandomFrames) {
   }
 }
 
-TEST_F(Hostile, TextFrames) {
+TEST_F(Hostile, AnOversizeMessageInManySmallPieces) {
   SocketClient client(port());
   ASSERT_TRUE(client.upgrade());
-  client.frame(1, "hello");
-  EXPECT_EQ(client.awaitClose(), 1003);
-}
-
-TEST_F(Hostile, OversizeMessages) {
-  {
-    SocketClient client(port());
-    ASSERT_TRUE(client.upgrade());
-    client.message(std::string(wire::kMaxClientMessageBytes + 1, 'x'));
-    EXPECT_EQ(client.awaitClose(), 1009);
-  }
-  {
-    // Announced far larger still: it is not waited for.
-    SocketClient client(port());
-    ASSERT_TRUE(client.upgrade());
-    client.frame(2, std::string(wire::kMaxClientMessageBytes + 1, 'x'), true, std::uint64_t{1} << 62);
-    EXPECT_EQ(client.awaitClose(), 1009);
-  }
-  {
-    // In many small pieces.
-    SocketClient client(port());
-    ASSERT_TRUE(client.upgrade());
-    bool open = client.frame(2, std::string(1000, 'x'), false);
-    for (int k = 0; k < 400 && open; ++k) open = client.frame(0, std::string(1000, 'x'), false);
-    EXPECT_TRUE(client.closed());
-  }
+  bool open = client.frame(2, std::string(1000, 'x'), false);
+  for (int k = 0; k < 400 && open; ++k) open = client.frame(0, std::string(1000, 'x'), false);
+  EXPECT_TRUE(client.closed());
 }
 
 TEST_F(Hostile, HalfMessagesAndSuddenEnds) {
@@ -219,45 +184,6 @@ TEST_F(Hostile, HeadersThatNeverEnd) {
     std::this_thread::sleep_for(1ms);
     EXPECT_TRUE(c->closed());
   }
-}
-
-TEST_F(Hostile, FiftyThatSayNothing) {
-  std::vector<std::unique_ptr<SocketClient>> clients;
-  for (int k = 0; k < 50; ++k) {
-    clients.push_back(std::make_unique<SocketClient>(port()));
-    if (k % 2 == 0) continue;
-    ASSERT_TRUE(clients.back()->upgrade());
-  }
-  EXPECT_TRUE(server_->healthy());  // others are served meanwhile
-  for (std::size_t k = 0; k < clients.size(); ++k) {
-    if (k % 2) {
-      EXPECT_EQ(lastWords(*clients[k]).code, wire::ErrorCode::kLimit);
-    }
-    EXPECT_TRUE(clients[k]->closed());
-  }
-}
-
-TEST_F(Hostile, MoreConnectionsThanThereIsRoomFor) {
-  std::vector<std::unique_ptr<SocketClient>> clients;
-  for (int k = 0; k < 150; ++k) clients.push_back(std::make_unique<SocketClient>(port()));
-  clients.clear();
-  EXPECT_TRUE(await([] { return server_->healthy(); }));
-}
-
-TEST_F(Hostile, MessagesOutOfPlace) {
-  const auto say = [&](const std::vector<wire::ClientMessage>& messages) {
-    SocketClient client(port());
-    EXPECT_TRUE(client.upgrade());
-    for (const auto& m : messages) client.message(wire::encode(m));
-    return lastWords(client);
-  };
-  wire::PoseMessage pose{1, path_->at(0)}, outside = pose;
-  outside.camera.pose.x = lattice::kMaxPosition * 2;
-  EXPECT_EQ(say({pose}).code, wire::ErrorCode::kMalformed);
-  EXPECT_EQ(say({wire::Hello{}, wire::Hello{}}).code, wire::ErrorCode::kMalformed);
-  EXPECT_EQ(say({wire::Hello{}, outside}).code, wire::ErrorCode::kMalformed);
-  EXPECT_EQ(say({wire::Hello{}, pose, pose}).code, wire::ErrorCode::kInvalid);
-  EXPECT_EQ(say({wire::Hello{}, wire::Acknowledge{77, 0}}).code, wire::ErrorCode::kInvalid);
 }
 
 // Memory really runs out, under a limit of address space: cameras end, the server stays.

@@ -94,8 +94,9 @@ TEST(Lines, ANarrowLineCarriesAUsableWorld) {
 class Neighbours : public testing::Test {
  protected:
   void SetUp() override {
-    server_ = std::make_unique<ServerProcess>(RIDGECAST_SERVER, std::vector<std::string>{"--timeout", "2"});
+    server_ = std::make_unique<ServerProcess>(RIDGECAST_SERVER, std::vector<std::string>{"--timeout", "2", "--window", "3"});
     good_ = std::make_unique<Traveller>(server_->url(), settings(2));
+    EXPECT_EQ(good_->line().world().window, 3u);
     path_ = std::make_unique<PathCamera>(RIDGECAST_PATHS "/alpine.json", good_->line().world());
     began_ = Clock::now();
     fly(rest());
