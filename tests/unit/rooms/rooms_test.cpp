@@ -126,6 +126,30 @@ TEST(Rooms, TheCoreOfTheClientAloneReadsWhatAServerSays) {
               testing::UnorderedElementsAre("client/core/mesh/bad.cpp", "client/viewer/bad.cpp", "client/web/src/bad.ts"));
 }
 
+// Which rooms CONTRIBUTING names in its tables, and which there are.
+std::multiset<std::string> listedRooms(const std::string& document) {
+  static const std::regex table(R"(\n\| `(common|server|client)` \|[^\n]*\n\|---\|---\|\n((?:\|[^\n]*\n)+))"),
+      row(R"((?:^|\n)\| `([\w/]+)` \|)");
+  std::multiset<std::string> rooms;
+  for (std::sregex_iterator side(document.begin(), document.end(), table), end; side != end; ++side) {
+    const std::string rows = (*side)[2];
+    for (std::sregex_iterator line(rows.begin(), rows.end(), row); line != end; ++line)
+      rooms.insert((*side)[1].str() + "/" + (*line)[1].str());
+  }
+  return rooms;
+}
+
+TEST(Rooms, AreListedWithTheirQuestions) {
+  const fs::path root = RIDGECAST_SOURCE;
+  std::multiset<std::string> there;
+  for (const char* side : {"common", "server", "client"})
+    for (const auto& entry : fs::recursive_directory_iterator(root / side))
+      if (entry.path().filename() == "CMakeLists.txt" &&
+          testing_support::readText(entry.path()).find("ridgecast_room(") != std::string::npos)
+        there.insert(fs::relative(entry.path().parent_path(), root).string());
+  EXPECT_EQ(listedRooms(testing_support::readText(root / "CONTRIBUTING.md")), there);
+}
+
 TEST(Rooms, FormALadder) { EXPECT_THAT(faults(RIDGECAST_SOURCE), IsEmpty()); }
 
 TEST(Rooms, APlantedFaultIsFound) {
