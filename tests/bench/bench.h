@@ -42,18 +42,15 @@ double median(std::vector<double> values);
 
 // The benches, each in the file of its name.
 Report delaunay(const Options&);
-Report screening(const Options&);
 Report iteration(const Options&);
 Report threads(const Options&);
 Report contention(const Options&);
-Report greedy(const Options&);
 Report box(const Options&);
 Report error(const Options&);
 Report soak(const Options&);
 Report heights(const Options&);
 Report deltas(const Options&);
 Report cameras(const Options&);
-Report snapshot(const Options&);
 Report edits(const Options&);
 Report doors(const Options&);
 

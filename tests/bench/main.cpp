@@ -28,15 +28,12 @@ struct Entry {
 
 const Entry kEntries[] = {
     {"delaunay", "insertion and removal against CGAL for the same points in the same order", delaunay},
-    {"screening", "a pass over all candidates against reading their arrays", screening},
     {"iteration", "whole iterations of a moving and of a hovering camera", iteration},
     {"threads", "two threads against one on a moving camera", threads},
     {"contention", "what cameras on different cores take from each other", contention},
-    {"greedy", "triangles against greedy insertion for the same error on a square", greedy},
     {"box", "the mesh of a box against greedy insertion over a height map", box},
     {"error", "the error on screen, measured by rays, against what was asked for", error},
     {"cameras", "many cameras on one server, real sockets, this machine", cameras},
-    {"snapshot", "iterations of cameras beside people who ask for snapshots", snapshot},
     {"deltas", "what changed in a leaf against sending the leaf whole", deltas},
     {"edits", "a log of edits: commits a second, cold starts from the cached ground and from the edits", edits},
     {"doors", "the stream against whole leaves, 3D Tiles and Terrarium tiles, along the evaluation's flights", doors},
