@@ -4,11 +4,16 @@
 #include <cmath>
 #include <numbers>
 
+#include "common/outcome/contract.h"
+
 namespace ridgecast::camera {
 namespace {
 
 Vec3 combine(double a, const Vec3& u, double b, const Vec3& v) { return {a * u.x + b * v.x, a * u.y + b * v.y, a * u.z + b * v.z}; }
 double dot(const Vec3& a, const Vec3& b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
+
+constexpr const char* kFieldOfView = "a field of view is narrower than a half circle";
+bool isFieldOfView(double radians) { return radians > 0 && radians < std::numbers::pi; }
 
 }  // namespace
 
@@ -24,9 +29,13 @@ Vec3 forward(const Pose& p) { return {-std::sin(p.yaw) * std::cos(p.pitch), std:
 Vec3 right(const Pose& p) { return {std::cos(p.yaw), 0, -std::sin(p.yaw)}; }
 Vec3 up(const Pose& p) { return {std::sin(p.yaw) * std::sin(p.pitch), std::cos(p.pitch), std::cos(p.yaw) * std::sin(p.pitch)}; }
 
-double pixelsPerRadian(const Projection& q) { return q.height / (2.0 * std::tan(q.verticalFov / 2)); }
+double pixelsPerRadian(const Projection& q) {
+  expects(isFieldOfView(q.verticalFov), kFieldOfView);
+  return q.height / (2.0 * std::tan(q.verticalFov / 2));
+}
 
 Frustum::Frustum(const Pose& pose, const Projection& projection, double widening) {
+  expects(isFieldOfView(projection.verticalFov), kFieldOfView);
   const Vec3 f = forward(pose), r = right(pose), u = up(pose);
   const double ty = std::tan(projection.verticalFov / 2) * widening, tx = ty * projection.aspect();
   // A point at depth d and lateral offset s is inside when |s| <= d t: the inward normal is t * forward -+ side.
@@ -63,6 +72,7 @@ bool Frustum::meets(const std::array<Vec3, 3>& triangle, double lift) const {
 }
 
 Sector::Sector(const Pose& pose, const Projection& projection) {
+  expects(isFieldOfView(projection.verticalFov), kFieldOfView);
   // The picture's corners are farthest from its middle. Of the upper and the lower pair, take the one nearer to the vertical.
   const double tanY = std::tan(projection.verticalFov / 2), tanX = tanY * projection.aspect();
   const double steepest = std::abs(pose.pitch) + projection.verticalFov / 2,

@@ -134,7 +134,10 @@ struct Around {
   }
 };
 
-double groundAt(const GroundHeight& ground, const Keyframe& key) { return ground(lattice::Point{key.x, key.z}); }
+double groundAt(const GroundHeight& ground, const Keyframe& key) {
+  expects(static_cast<bool>(ground), "a path above the ground has one");
+  return ground(lattice::Point{key.x, key.z});
+}
 double absoluteHeight(const GroundHeight& ground, const Keyframe& key) {
   return key.aboveGround ? key.height + groundAt(ground, key) : key.height;
 }

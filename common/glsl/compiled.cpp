@@ -11,6 +11,7 @@
 #include "common/glsl/complaints.h"
 #include "common/glsl/library.h"
 #include "common/glsl/probe.h"
+#include "common/outcome/contract.h"
 #include "common/process/scratch.h"
 #include "common/terrain/variants.h"
 
@@ -26,7 +27,8 @@ class Compiled final : public terrain::Terrain {
   std::uint32_t seed() const override { return seed_; }
   terrain::Colours colours() const override { return library_->colours() ? terrain::asColours(library_->colours()) : terrain::Colours(); }
   void heights(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out) const override {
-    const std::size_t count = std::min({x.size(), z.size(), out.size()});
+    const std::size_t count = out.size();
+    expects(x.size() == count && z.size() == count, "each place has its height");
     library_->heights()(x.data(), z.data(), out.data(), count, seed_);
     constexpr float kMax = static_cast<float>(lattice::kMaxHeight * lattice::kMetresPerStep);
     bool fine = true;
@@ -60,6 +62,7 @@ Error withPlace(const Error& fault, const Source& source, std::uint32_t seed, co
   if (!checked) return fault;
   const auto function = std::ranges::find_if(
       checked->items, [](const TopLevel& item) { return item.what == TopLevel::What::kFunction && item.names[0] == "terrainHeight"; });
+  expects(function != checked->items.end(), "a file that passed its check has terrainHeight");
   Error atFunction{at(source.file, function->line) + fault.message.substr(source.file.size() + 2)};
   auto translated = translate(source.file, checked->tokens, checked->items);
   const auto scratch = process::Scratch::create();

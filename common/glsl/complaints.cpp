@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "common/glsl/tokens.h"
+#include "common/outcome/contract.h"
 
 namespace ridgecast::glsl {
 namespace {
@@ -120,6 +121,7 @@ bool takesPowerOfNegative(std::string_view line) {
 }  // namespace
 
 Error joined(std::string_view file, std::vector<std::string> complaints) {
+  expects(!complaints.empty(), "an error says what is wrong");
   std::ranges::stable_sort(complaints, {}, [&](const std::string& c) { return lineOf(file, c); });
   std::set<std::string> seen;
   std::erase_if(complaints, [&](const std::string& c) { return !seen.insert(c).second; });

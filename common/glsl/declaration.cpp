@@ -6,6 +6,7 @@
 #include <optional>
 
 #include "common/glsl/tokens.h"
+#include "common/outcome/contract.h"
 
 namespace ridgecast::glsl {
 namespace {
@@ -63,6 +64,8 @@ std::optional<Parameter> readParameter(std::string_view code, std::string_view c
   p.summary = trimmed(comment.substr(colon + 1));
   return p;
 }
+
+constexpr const char* kOfThisText = "a declaration goes with the text that it was read from";
 
 std::string shortNumber(double v) { return text::rounded(v, 9); }
 
@@ -122,6 +125,7 @@ Outcome<std::string> withParameters(std::string_view file, std::string_view text
   std::ranges::sort(changed, std::greater{}, &Parameter::begin);
   std::string out(text);
   for (const Parameter& p : changed) {
+    expects(p.begin < p.end && p.end <= text.size(), kOfThisText);
     std::string literal = shortNumber(p.value);
     if (literal.find_first_of(".e") == std::string::npos) literal += ".0";
     out.replace(p.begin, p.end - p.begin, literal + "f");
@@ -131,9 +135,11 @@ Outcome<std::string> withParameters(std::string_view file, std::string_view text
 
 std::vector<float> valuesOf(std::string_view text, const Declaration& declaration) {
   std::vector<float> out;
-  for (const Parameter& p : declaration.parameters)
+  for (const Parameter& p : declaration.parameters) {
+    expects(p.begin < p.end && p.end <= text.size(), kOfThisText);
     // From the text, as compilers read it: a double between would be rounded twice.
     std::from_chars(text.data() + p.begin, text.data() + p.end, out.emplace_back());
+  }
   return out;
 }
 

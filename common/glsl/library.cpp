@@ -16,6 +16,7 @@
 #include <vector>
 
 #include "common/glsl/embedded.h"
+#include "common/outcome/contract.h"
 #include "common/process/child.h"
 #include "common/process/scratch.h"
 #include "common/terrain/terrain.h"
@@ -49,6 +50,7 @@ const std::vector<std::string> kCommonFlags = {"-std=c++20",
 std::vector<std::string> variantFlags(std::string_view variant) {
   if (variant == "avx2") return {"-mavx2"};
   if (variant == "avx512") return {"-mavx512f", "-mavx512dq", "-mavx512vl", "-mprefer-vector-width=512"};
+  expects(variant == "baseline", "an instruction set is baseline, avx2 or avx512");
   return {};
 }
 

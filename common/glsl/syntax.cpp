@@ -51,6 +51,7 @@ const std::map<std::string, std::string>& preludeFunctions() {
 }
 
 Syntax::Syntax(const std::vector<Token>& tokens, const std::vector<TopLevel>& items, bool colours) : tokens_(tokens), items_(items) {
+  for (const TopLevel& item : items) expects(item.begin < item.end && item.end <= tokens.size(), "items are of these tokens");
   for (std::size_t i = 0; i + 2 < tokens_.size(); ++i) {
     if (!is(i, "struct") || !is(i + 2, "{")) continue;
     structs_.insert(tokens_[i + 1].text);
@@ -209,7 +210,11 @@ std::string Syntax::typeBefore(std::size_t end) const {
   if (is(end - 1, ")")) {
     const std::size_t open = opening(end - 1);
     if (open == 0) return {};
-    if (is(open - 1, "]")) return tokens_[opening(open - 1) - 1].text;  // Hit[2](a, b)
+    if (is(open - 1, "]")) {  // Hit[2](a, b)
+      const std::size_t size = opening(open - 1);
+      expects(size > 0, "an array has a type");
+      return tokens_[size - 1].text;
+    }
     return isName(open - 1) && !is(open - 1, "return") ? resultOf(tokens_[open - 1].text) : typeBefore(end - 1);
   }
   if (!isName(end - 1)) return {};
@@ -253,6 +258,7 @@ std::size_t Syntax::opening(std::size_t close) const {
     depth += is(close, "]") || is(close, ")") || is(close, "}") ? 1u : 0u;
     depth -= is(close, "[") || is(close, "(") || is(close, "{") ? 1u : 0u;
   }
+  expects(depth == 0, "brackets match");
   return close;
 }
 

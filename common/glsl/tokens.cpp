@@ -4,6 +4,7 @@
 #include <array>
 
 #include "common/glsl/complaints.h"
+#include "common/outcome/contract.h"
 
 namespace ridgecast::glsl {
 namespace {
@@ -90,7 +91,10 @@ Outcome<std::vector<TopLevel>> topLevel(std::string_view file, const std::vector
   };
   std::vector<std::string> wrong;
   using enum TopLevel::What;
+  std::size_t past = 0;  // all before it are read
   for (std::size_t i = 0; i < tokens.size();) {
+    expects(i >= past, "each declaration ends after it begins");
+    past = i + 1;
     const std::size_t begin = i, line = tokens[i].line;
     const auto refuse = [&](const std::string& what) { wrong.push_back(at(file, line) + what); };
     if (is(i, ";") || is(i, "precision")) {
@@ -136,6 +140,7 @@ Outcome<std::vector<TopLevel>> topLevel(std::string_view file, const std::vector
 }
 
 std::string signatureOf(const std::vector<Token>& tokens, const TopLevel& function) {
+  expects(function.parameters < tokens.size() && tokens[function.parameters].text == "(", "a signature is a function's");
   std::string out;
   for (std::size_t i = function.begin; i < function.parameters; ++i)
     if (!isPrecision(tokens[i].text)) out.append(out.empty() ? "" : " ").append(tokens[i].text);

@@ -7,6 +7,7 @@
 
 #include "common/glsl/complaints.h"
 #include "common/glsl/syntax.h"
+#include "common/outcome/contract.h"
 
 namespace ridgecast::glsl {
 namespace {
@@ -52,6 +53,7 @@ class Translator : Syntax {
     }
     if (!wrong_.empty()) return joined(file_, std::move(wrong_));
     if (emitted_ > 4 * kMaxTokens) return Error{std::string(file_) + ": this is too much for one terrain: write it shorter"};
+    expects(scopes_.size() == 1, "each scope that opened has closed");
     out_.text += "\n";
     return std::move(out_);
   }
@@ -231,6 +233,12 @@ class Translator : Syntax {
     scopes_.pop_back();
   }
 
+  // What was translated from `from` on ends before `next`.
+  static std::size_t lastBefore(std::size_t next, std::size_t from) {
+    expects(next > from, "translation goes forward");
+    return next - 1;
+  }
+
   void emit(std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end && emitted_ <= 4 * kMaxTokens; ++i) {
       const Token& t = tokens_[i];
@@ -247,14 +255,14 @@ class Translator : Syntax {
       } else if (t.text == "precision") {
         while (i < end && !is(i, ";")) ++i;
       } else if (t.text == "for") {
-        i = forLoop(i) - 1;
+        i = lastBefore(forLoop(i), i);
       } else if (t.text == "while") {
         const std::size_t close = closing(tokens_, i + 1);
         if (isDeclaration(i + 2)) {
           const std::size_t after = statementEnd(close + 1);
           put(i, "for (;;)");
           declaredCondition(i + 2, close, close + 1, after);
-          i = after - 1;
+          i = lastBefore(after, i);
         } else {
           put(i, "while (");
           condition(i, i + 2, close);
@@ -262,10 +270,10 @@ class Translator : Syntax {
           i = close;
         }
       } else if (t.text == "struct") {
-        i = structure(i) - 1;
+        i = lastBefore(structure(i), i);
       } else if (t.text == "const" && (isType(i + 1) || isPrecision(tokens_[std::min(i + 1, end - 1)].text))) {
         while (isPrecision(tokens_[i + 1].text)) ++i;
-        i = typed(i + 1, end, true) - 1;
+        i = lastBefore(typed(i + 1, end, true), i);
       } else if (t.text == "switch") {
         switch_ = closing(tokens_, i + 1) + 1;
         put(i, t.text);
@@ -274,7 +282,7 @@ class Translator : Syntax {
       } else if (std::ranges::find(kOblong, t.text) != kOblong.end()) {
         refuse(i, "heights have square matrices only, no '" + t.text + "'; write it with vectors");
       } else if (isType(i) && i + 1 < end && !is(i + 1, "(")) {
-        i = typed(i, end, false) - 1;
+        i = lastBefore(typed(i, end, false), i);
       } else {
         if (is(i + 1, "(")) hand(i);
         put(i, called(t.text));
@@ -330,6 +338,7 @@ class Translator : Syntax {
       scopes_.emplace_back().isSwitch = i == switch_;
       put(i, t);
     } else if (t == "}") {
+      expects(scopes_.size() > 1, "brackets match");
       scopes_.pop_back();
       put(i, t);
     } else {

@@ -10,6 +10,8 @@
 #include <draco/core/encoder_buffer.h>
 #include <draco/mesh/mesh.h>
 
+#include "common/outcome/contract.h"
+
 namespace ridgecast::gltf {
 namespace {
 
@@ -62,6 +64,7 @@ int addAttribute(draco::Mesh& mesh, draco::GeometryAttribute::Type type, const F
 
 std::optional<DracoPrimitive> compress(const Leaf& leaf) {
   const auto& vertices = leaf.mesh->vertices;
+  expects(!vertices.empty(), "a leaf with triangles has vertices");
   const auto [least, shift, bits] = quantisationOf(vertices);
   if (bits > kMaxPositionBits) return std::nullopt;
 

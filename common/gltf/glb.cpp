@@ -17,6 +17,7 @@
 #include <utility>
 
 #include "common/gltf/draco_primitive.h"
+#include "common/outcome/contract.h"
 
 namespace ridgecast::gltf {
 namespace {
@@ -61,6 +62,12 @@ class Writer {
   }
 
   Outcome<std::string> write(const std::stop_token& stop, const ForEach& forEach) {
+    expects(!document_.texture || compression_ == Compression::kNone, "a texture is of a plain file");
+    for (const Leaf& leaf : document_.leaves) {
+      expects(leaf.mesh != nullptr, "a leaf has a mesh");
+      const auto isOfAll = [&](std::size_t count) { return count == 0 || count == leaf.mesh->vertices.size(); };
+      expects(isOfAll(leaf.normals.size()) && isOfAll(leaf.colours.size()), "all vertices have normals and colours, or none has");
+    }
     if (compression_ == Compression::kDraco) {
       packed_.resize(document_.leaves.size());
       const std::function<void(std::size_t)> pack = [&](std::size_t k) {

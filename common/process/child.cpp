@@ -15,6 +15,8 @@
 #include <string_view>
 #include <thread>
 
+#include "common/outcome/contract.h"
+
 namespace ridgecast::process {
 namespace {
 
@@ -86,6 +88,7 @@ bool readAll(int from, Clock::time_point until, const std::stop_token& stop, std
 }  // namespace
 
 std::optional<std::filesystem::path> findProgram(const std::string& name) {
+  expects(!name.empty() && name.find('/') == std::string::npos, "a program is looked for by its name alone");
   const char* path = std::getenv("PATH");
   std::string_view folders = path ? path : "/usr/bin:/bin";
   while (!folders.empty()) {
@@ -99,6 +102,7 @@ std::optional<std::filesystem::path> findProgram(const std::string& name) {
 
 Outcome<ChildEnd> runChild(const std::filesystem::path& program, const std::vector<std::string>& arguments, const ChildLimits& limits,
                            std::stop_token stop) {
+  expects(limits.time.count() > 0, "a child program has time");
   const auto stopped = [&] { return Error{program.string() + " was stopped: nobody waits for it any more"}; };
   if (stop.stop_requested()) return stopped();
   const auto cannot = [&] { return Error{"cannot start " + program.string() + ": " + std::strerror(errno)}; };

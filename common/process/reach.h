@@ -5,6 +5,7 @@
 #include <optional>
 #include <vector>
 
+#include "common/outcome/contract.h"
 #include "common/outcome/outcome.h"
 
 namespace ridgecast::process {
@@ -23,7 +24,10 @@ class ReachRules {
   ReachRules(ReachRules&& other) noexcept;
   ReachRules& operator=(ReachRules&&) = delete;
   ~ReachRules();
-  int descriptor() const { return file_; }
+  int descriptor() const {
+    expects(file_ >= 0, "rules that were moved away are not used");
+    return file_;
+  }
   // Confines the calling thread and what it starts, for good; a system call or two. False: not confined.
   static bool enter(int descriptor);
 

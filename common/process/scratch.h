@@ -8,6 +8,7 @@
 #include <system_error>
 #include <utility>
 
+#include "common/outcome/contract.h"
 #include "common/outcome/outcome.h"
 
 namespace ridgecast::process {
@@ -27,7 +28,10 @@ class Scratch {
   }
   Scratch(Scratch&& other) noexcept : path_(std::exchange(other.path_, {})) {}
   Scratch& operator=(Scratch&&) = delete;
-  const std::filesystem::path& path() const { return path_; }
+  const std::filesystem::path& path() const {
+    expects(!path_.empty(), "a temporary folder that was moved away is not used");
+    return path_;
+  }
 
  private:
   explicit Scratch(std::filesystem::path path) : path_(std::move(path)) {}

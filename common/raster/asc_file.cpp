@@ -48,7 +48,7 @@ class AscFile final : public RasterFile {
     return understand(values, size, hasPitch);
   }
 
-  Outcome<void> row(std::span<double> out) override {
+  Outcome<void> read(std::span<double> out) override {
     for (std::uint32_t x = 0; x < header_.width; ++x) {
       const std::string word = first_.empty() ? next() : std::exchange(first_, {});
       if (word.empty()) return Error{name_ + ": it ends in row " + std::to_string(row_) + "; it is cut off"};

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "common/outcome/contract.h"
 #include "common/terrain/raster.h"
 #include "common/text/text.h"
 
@@ -148,6 +149,7 @@ Error inDegrees(const std::string& name, const DegreeGrid& grid, std::uint32_t w
 
 Outcome<OnPlane> onPlane(const std::string& name, const Samples& source, const DegreeGrid& grid, std::optional<double> pitch,
                          std::uint64_t inMemory, std::uint64_t most) {
+  expects(grid.stepX > 0 && grid.stepY > 0, "columns run east and rows south");
   const Place middle = middleOf(grid, source.width(), source.height());
   if (!((source.width() - 1) * grid.stepX <= kWidest && (source.height() - 1) * grid.stepY <= kWidest &&
         std::abs(middle.latitude) + (source.height() - 1) * grid.stepY / 2 < 90))

@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "common/outcome/contract.h"
 #include "common/raster/raster_file.h"
 #include "common/raster/raster_terrain.h"
 #include "common/terrain/terrain.h"
@@ -143,6 +144,8 @@ class Refinement {
 
 Outcome<Detailed> withDetail(const std::string& name, const Samples& map, const terrain::RasterShape& shape, const RasterOptions& options,
                              std::uint64_t inMemory, std::uint64_t total) {
+  expects(options.detail.has_value(), "detail is asked for");
+  expects(shape.width == map.width() && shape.height == map.height(), "a map has its shape");
   const Detail& detail = *options.detail;
   const std::uint32_t parts = partsOf(detail, shape);
   if (parts == 0)

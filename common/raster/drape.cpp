@@ -5,6 +5,7 @@
 #include <cmath>
 #include <utility>
 
+#include "common/outcome/contract.h"
 #include "common/raster/ramp.h"
 #include "common/text/text.h"
 
@@ -129,6 +130,7 @@ std::uint64_t hashOf(Samples& pixels) {
 
 Outcome<Drape> Drape::read(const std::filesystem::path& path, const Samples& samples, const RasterHeader& map,
                            const terrain::RasterShape& shape, std::uint64_t inMemory, std::uint64_t most, const std::stop_token& stop) {
+  expects(shape.width == samples.width() && shape.height == samples.height(), "a map has its shape");
   const bool ofHeights = isRamp(path);
   auto file = ofHeights ? openRamp(path, samples, map) : openPicture(path, stop);
   if (!file) return file.error();

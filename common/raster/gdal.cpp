@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <chrono>
 
+#include "common/outcome/contract.h"
 #include "common/process/child.h"
 #include "common/text/file.h"
 
@@ -32,6 +33,7 @@ Outcome<Gdal> Gdal::find(const std::string& what, std::stop_token stop) {
 }
 
 Outcome<std::string> Gdal::run(const char* program, std::vector<std::string> arguments, std::uint64_t mostBytes) const {
+  expects(scratch_.has_value(), "GDAL writes before its folder is taken");
   const std::filesystem::path log = file("log");
   for (const auto& [key, value] : {std::pair<std::string, std::string>{"CPL_LOG", log.string()},
                                    {"GDAL_SKIP", kSkipped},

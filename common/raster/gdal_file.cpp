@@ -54,7 +54,7 @@ class GdalFile final : public RasterFile {
     own_.resize(std::size_t{header_.width} * samples_->header().bands);
   }
   const RasterHeader& header() const override { return header_; }
-  Outcome<void> row(std::span<double> out) override {
+  Outcome<void> read(std::span<double> out) override {
     if (auto read = samples_->row(own_); !read) return read;
     if (mask_)
       if (auto read = mask_->row(known_); !read) return read;

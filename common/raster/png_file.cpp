@@ -46,7 +46,7 @@ class PngFile final : public RasterFile {
     return {};
   }
 
-  Outcome<void> row(std::span<double> out) override {
+  Outcome<void> read(std::span<double> out) override {
     if (!next()) return broken();
     for (std::size_t k = 0; k < out.size(); ++k) out[k] = bytes_ == 2 ? row_[2 * k] << 8 | row_[2 * k + 1] : row_[k];
     return {};

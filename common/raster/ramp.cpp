@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "common/lattice/lattice.h"
+#include "common/outcome/contract.h"
 #include "common/text/file.h"
 #include "common/text/text.h"
 
@@ -54,7 +55,8 @@ class Ramp final : public RasterFile {
     header_.noData.reset();
   }
   const RasterHeader& header() const override { return header_; }
-  Outcome<void> row(std::span<double> out) override {
+  Outcome<void> read(std::span<double> out) override {
+    expects(row_ < samples_.height(), "a row lies within its map");
     for (std::uint32_t i = 0; i < samples_.width(); ++i)
       std::ranges::copy(at(lattice::metres(samples_.at(i, row_))), out.begin() + std::ptrdiff_t{4} * i);
     ++row_;

@@ -16,6 +16,7 @@
 #include <stop_token>
 #include <string>
 
+#include "common/outcome/contract.h"
 #include "common/outcome/outcome.h"
 #include "common/raster/degrees.h"
 #include "common/raster/raster_options.h"
@@ -55,7 +56,13 @@ class RasterFile {
   virtual ~RasterFile() = default;
   virtual const RasterHeader& header() const = 0;
   // The next row, from the north, as stored: `out` has header().width * bands values. Error: the file is truncated or broken.
-  virtual Outcome<void> row(std::span<double> out) = 0;
+  Outcome<void> row(std::span<double> out) {
+    expects(out.size() == std::size_t{header().width} * header().bands, "a row has room for its samples");
+    return read(out);
+  }
+
+ private:
+  virtual Outcome<void> read(std::span<double> out) = 0;
 };
 
 // A file, or a folder of maps side by side. Chooses by the name's ending. Errors are one sentence that begins with the file's name: no such

@@ -4,12 +4,14 @@
 
 #include <algorithm>
 #include <array>
+#include <cassert>
 #include <cmath>
 #include <mutex>
 #include <optional>
 #include <utility>
 #include <vector>
 
+#include "common/outcome/contract.h"
 #include "common/raster/degrees.h"
 #include "common/raster/detail.h"
 #include "common/raster/drape.h"
@@ -60,6 +62,7 @@ class RasterTerrain final : public terrain::Terrain, public terrain::Raster {
   terrain::RasterOrigin origin() const override { return map_->origin; }
 
   void heights(std::span<const Step> x, std::span<const Step> z, std::span<float> out) const override {
+    expects(x.size() == out.size() && z.size() == out.size(), "each place has its height");
     std::array<std::int32_t, 16> around;
     thread_local terrain::CubicPlaces places;
     for (std::size_t begin = 0; begin < out.size(); begin += terrain::CubicPlaces::kMax) {
@@ -86,6 +89,7 @@ class RasterTerrain final : public terrain::Terrain, public terrain::Raster {
         std::copy_n(&held.at(static_cast<std::uint32_t>(x), static_cast<std::uint32_t>(z + j)), columns, out);
       return;
     }
+    expects(columns <= kTileSide, "samples are asked for by a tile at most");
     std::array<std::optional<std::uint32_t>, kTileSide> column;
     for (std::int32_t k = 0; k < columns; ++k) column[static_cast<std::size_t>(k)] = folded(x + k, held.width(), map_->edge);
     for (std::int32_t j = 0; j < rows; ++j) {
@@ -383,6 +387,7 @@ Maps& maps() {
 }  // namespace
 
 std::optional<std::uint32_t> folded(std::int64_t k, std::uint32_t n, Edge edge) {
+  assert(n >= 2);
   const auto size = static_cast<std::int64_t>(n);
   if (k >= 0 && k < size) return static_cast<std::uint32_t>(k);
   const auto modulo = [k](std::int64_t period) { return ((k % period) + period) % period; };

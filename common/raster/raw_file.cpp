@@ -23,7 +23,7 @@ class RawFile final : public RasterFile {
         isSigned_(isSigned),
         bytes_(2 * std::size_t{header.width}) {}
   const RasterHeader& header() const override { return header_; }
-  Outcome<void> row(std::span<double> out) override {
+  Outcome<void> read(std::span<double> out) override {
     in_.read(reinterpret_cast<char*>(bytes_.data()), static_cast<std::streamsize>(bytes_.size()));
     if (!in_) return Error{name_ + ": the file is cut off"};
     for (std::size_t k = 0; k < out.size(); ++k) {

@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "common/lattice/lattice.h"
+#include "common/outcome/contract.h"
 
 namespace ridgecast::raster {
 namespace {
@@ -146,6 +147,7 @@ std::uint64_t dropMixed(Samples& samples) {
 }
 
 Outcome<Samples> Samples::create(std::uint32_t width, std::uint32_t height, std::uint64_t inMemory) {
+  expects(width > 0 && height > 0, "a map has samples");
   const std::uint64_t bytes = std::uint64_t{width} * height * sizeof(std::int32_t);
   void* data = MAP_FAILED;
   if (bytes <= inMemory) {

@@ -1,11 +1,13 @@
 #pragma once
 // The samples of a height map, or the pixels of a picture, in memory or in a temporary file.
 
+#include <cassert>
 #include <cstddef>
 #include <cstdint>
 #include <limits>
 #include <span>
 
+#include "common/outcome/contract.h"
 #include "common/outcome/outcome.h"
 
 namespace ridgecast::raster {
@@ -18,8 +20,14 @@ class Samples {
   ~Samples();
   Samples(Samples&& other) noexcept;
   Samples& operator=(Samples&&) = delete;
-  std::span<std::int32_t> row(std::uint32_t z) { return {data_ + std::size_t{width_} * z, width_}; }
-  const std::int32_t& at(std::uint32_t x, std::uint32_t z) const { return data_[std::size_t{width_} * z + x]; }
+  std::span<std::int32_t> row(std::uint32_t z) {
+    expects(data_ && z < height_, "a row lies within its map");
+    return {data_ + std::size_t{width_} * z, width_};
+  }
+  const std::int32_t& at(std::uint32_t x, std::uint32_t z) const {
+    assert(x < width_ && z < height_);
+    return data_[std::size_t{width_} * z + x];
+  }
   std::uint32_t width() const { return width_; }
   std::uint32_t height() const { return height_; }
   std::uint64_t bytes() const { return std::uint64_t{width_} * height_ * sizeof(std::int32_t); }

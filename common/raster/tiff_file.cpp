@@ -114,7 +114,7 @@ class TiffFile final : public RasterFile {
     return isPicture_ ? readPicturePlace() : readPlace(options);
   }
 
-  Outcome<void> row(std::span<double> out) override {
+  Outcome<void> read(std::span<double> out) override {
     complaint.clear();
     const unsigned char* from = nullptr;
     if (tileWidth_) {

@@ -4,6 +4,7 @@
 #include <cstdio>
 #include <cstdlib>
 
+#include "common/outcome/contract.h"
 #include "common/terrain/embedded.h"
 #include "common/terrain/variants.h"
 
@@ -49,10 +50,14 @@ std::optional<GridPlace> onGrid(const Raster& map, lattice::Point place) {
 }
 
 void cubicHeights(const CubicPlaces& places, int count, float inverseX, float inverseZ, float* out) {
+  expects(count > 0 && count <= static_cast<int>(CubicPlaces::kMax), "places fit into their arrays");
   variants().back().cubicHeights(places, count, inverseX, inverseZ, out);
 }
 
-Extent extentOf(const lattice::Step* x, const lattice::Step* z, std::size_t count) { return variants().back().extentOf(x, z, count); }
+Extent extentOf(const lattice::Step* x, const lattice::Step* z, std::size_t count) {
+  expects(count > 0, "an extent is that of a place or more");
+  return variants().back().extentOf(x, z, count);
+}
 
 Colours rasterColours(const RasterShape& shape) {
   const auto lowest = static_cast<float>(shape.lowest * lattice::kMetresPerStep),
@@ -69,6 +74,7 @@ Colours rasterColours(const RasterShape& shape) {
 }
 
 std::string rasterSource(const RasterShape& s) {
+  expects(s.width >= 2 && s.height >= 2 && s.lowest <= s.highest, "a map has a shape");
   char content[24];
   std::snprintf(content, sizeof content, "%016llx", static_cast<unsigned long long>(s.content));
   std::string out = "// A height map of " + std::to_string(s.width) + " x " + std::to_string(s.height) + " samples, from (" +
@@ -95,6 +101,7 @@ RasterBounds boundsOf(const RasterShape& s) {
 }
 
 void Raster::samples(std::int64_t x, std::int64_t z, std::int32_t columns, std::int32_t rows, std::int32_t* out) const {
+  expects(columns > 0 && rows > 0 && columns <= kTileSide && rows <= kTileSide, "samples are asked for by a tile at most");
   Tile held;
   for (std::int64_t j = z >> kTileBits; j <= (z + rows - 1) >> kTileBits; ++j)
     for (std::int64_t i = x >> kTileBits; i <= (x + columns - 1) >> kTileBits; ++i) {

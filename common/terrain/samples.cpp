@@ -1,8 +1,11 @@
 // Rows of samples and tiles as bytes.
+#include "common/outcome/contract.h"
 #include "common/terrain/raster.h"
 
 namespace ridgecast::terrain {
 namespace {
+
+constexpr const char* kWholeRows = "samples are whole rows";
 
 std::int64_t guess(std::span<const std::int32_t> samples, std::size_t columns, std::size_t k) {
   if (k == 0) return 0;
@@ -14,6 +17,7 @@ std::int64_t guess(std::span<const std::int32_t> samples, std::size_t columns, s
 }  // namespace
 
 void encodeSamples(std::span<const std::int32_t> samples, std::size_t columns, std::vector<std::uint8_t>& out) {
+  expects(samples.empty() || (columns > 0 && samples.size() % columns == 0), kWholeRows);
   const auto put = [&out](std::uint64_t v) {
     for (; v >= 0x80; v >>= 7) out.push_back(static_cast<std::uint8_t>(v | 0x80));
     out.push_back(static_cast<std::uint8_t>(v));
@@ -38,6 +42,7 @@ void encodeSamples(std::span<const std::int32_t> samples, std::size_t columns, s
 }
 
 Outcome<void> decodeSamples(std::span<const std::uint8_t> bytes, std::size_t columns, std::span<std::int32_t> out) {
+  expects(out.empty() || (columns > 0 && out.size() % columns == 0), kWholeRows);
   std::size_t at = 0;
   const auto get = [&](std::uint64_t& v) {
     v = 0;

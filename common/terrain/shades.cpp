@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "common/outcome/contract.h"
+
 namespace ridgecast::terrain {
 
 Shade makeShade(const std::array<float, 3>& normal, const std::array<float, 3>& colour) {
@@ -17,6 +19,8 @@ Shade makeShade(const std::array<float, 3>& normal, const std::array<float, 3>& 
 }
 
 void shadesAt(const Terrain& terrain, std::span<const lattice::Step> x, std::span<const lattice::Step> z, int level, std::span<Shade> out) {
+  expects(x.size() == out.size() && z.size() == out.size(), "each place has its shade");
+  expects(level >= 0 && level <= lattice::kMaxLevel, "a level is a leaf's");
   const lattice::Step reach = lattice::Step{128} << level;
   constexpr std::size_t kBatch = 51;  // points; 255 heights fill one block of the evaluator
   std::array<lattice::Step, kBatch * 5> sampleX, sampleZ;

@@ -124,6 +124,7 @@ std::string_view batch() { return embedded::batch; }
 
 void curvatures(const Terrain& terrain, std::span<const lattice::Step> x, std::span<const lattice::Step> z, lattice::Step spacing,
                 std::span<float> out) {
+  expects(x.size() == out.size() && z.size() == out.size() && spacing > 0, "each place has its curvature, of samples apart");
   // Laplacian of Gaussian at sigma 1, (r^2 - 2) exp(-r^2 / 2) at r^2 = 0, 1, 2 for centre, edges and corners. Subtracting the mean of the
   // nine makes them sum to zero; then all are divided by the sum of their absolute values.
   constexpr double kRaw[3] = {-2.0, -0.60653065971263342, 0.0};

@@ -4,6 +4,8 @@
 #include <array>
 #include <cstdio>
 
+#include "common/outcome/contract.h"
+
 namespace ridgecast::text {
 
 std::string_view trimmed(std::string_view text) {
@@ -32,6 +34,7 @@ std::string_view takePart(std::string_view& rest, char separator) {
 }
 
 std::string rounded(double value, int digits) {
+  expects(digits > 0 && digits <= 17, "a double has 17 digits");
   char out[40];
   std::snprintf(out, sizeof out, "%.*g", digits, value);
   return out;

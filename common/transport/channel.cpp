@@ -10,6 +10,8 @@
 #include <boost/asio/steady_timer.hpp>
 #include <string_view>
 
+#include "common/outcome/contract.h"
+
 namespace ridgecast::transport {
 
 namespace asio = boost::asio;
@@ -138,6 +140,7 @@ tcp::socket& Channel::socket() { return body_->socket; }
 // What an operation needs lives in the body, which every handler here keeps: the channel may be gone when they run.
 
 void Channel::startTls(std::shared_ptr<TlsContext> context, Done done) {
+  expects(context && !body_->tls, "TLS begins once, with a certificate");
   body_->socket.async_wait(tcp::socket::wait_read, [body = body_, context = std::move(context),
                                                     done = std::move(done)](error_code ec) mutable {
     unsigned char first = 0;
@@ -153,6 +156,7 @@ void Channel::startTls(std::shared_ptr<TlsContext> context, Done done) {
 }
 
 void Channel::startTls(const std::string& host, const std::string& ca, std::function<void(std::optional<std::string>)> done) {
+  expects(!body_->tls, "TLS begins once");
   error_code ec;
   auto context = std::make_shared<TlsContext>(ssl::context::tls_client);
   SSL_CTX_set_min_proto_version(context->native_handle(), TLS1_2_VERSION);
@@ -181,7 +185,10 @@ void Channel::startTls(const std::string& host, const std::string& ca, std::func
   });
 }
 
-void Channel::passOverInterim(std::function<void()> tell) { body_->interim = std::move(tell); }
+void Channel::passOverInterim(std::function<void()> tell) {
+  expects(tell && body_->head.empty(), "interim responses are passed over before anything is read, and told of");
+  body_->interim = std::move(tell);
+}
 
 void Channel::readSome(const MutableBuffers& buffers, Done done) {
   body_->interim || !body_->head.empty() ? body_->readHead(buffers, std::move(done)) : body_->read(buffers, std::move(done));

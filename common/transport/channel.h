@@ -19,6 +19,7 @@
 #include <string>
 #include <utility>
 
+#include "common/outcome/contract.h"
 #include "common/outcome/outcome.h"
 
 namespace ridgecast::transport {
@@ -40,7 +41,10 @@ class Channel {
     template <class Handler>
     explicit Done(Handler handler)
         : call_([own = std::make_shared<Handler>(std::move(handler))](error_code ec, std::size_t bytes) { (*own)(ec, bytes); }) {}
-    void operator()(error_code ec, std::size_t bytes) { std::exchange(call_, nullptr)(ec, bytes); }
+    void operator()(error_code ec, std::size_t bytes) {
+      expects(static_cast<bool>(call_), "an operation ends once");
+      std::exchange(call_, nullptr)(ec, bytes);
+    }
 
    private:
     std::function<void(error_code, std::size_t)> call_;  // shared, since a std::function is copyable

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <type_traits>
 
+#include "common/outcome/contract.h"
 #include "common/wire/tables.h"
 
 namespace ridgecast::wire {
@@ -18,6 +19,7 @@ std::string encoded(const V& message) {
   std::string out;
   out.reserve(counted.bytes);
   write<TagOf<V>>(message, out);
+  expects(out.size() <= counted.bytes, "a message is no longer than was counted");
   return out;
 }
 
