@@ -270,10 +270,13 @@ class Reading {
         return error("GDAL cannot read its mask (" + made.error().message + ")");
     auto own = openPlain(samples, isPicture_);
     if (!own) return error("GDAL's programs wrote what cannot be read (" + own.error().message + ")");
+    const auto isOfSize = [&](const RasterHeader& made) { return made.width == header_.width && made.height == header_.height; };
+    if (!isOfSize((*own)->header())) return error("GDAL's programs wrote a map of another size than they said");
     std::unique_ptr<RasterFile> known;
     if (isMasked_) {
       auto opened = openPlain(mask, false);
       if (!opened) return error("GDAL's programs wrote a mask that cannot be read (" + opened.error().message + ")");
+      if (!isOfSize((*opened)->header())) return error("GDAL's programs wrote a mask of another size than the map's");
       known = std::move(*opened);
     }
     const double opaque = alpha_.empty() ? 255 : header_.white;

@@ -493,6 +493,19 @@ TEST_F(Maps, SourcesThatGdalDoesNotListAreOutOfReach) {
   }
 }
 
+// A program that a hostile file has misled may write anything: it is read as what it is.
+TEST_F(Maps, AnotherSizeThanWasSaidIsRefused) {
+  shell(
+      "mkdir tools; for p in gdalinfo gdalsrsinfo gdalbuildvrt; do ln -s $(command -v $p) tools/$p; done; "
+      "printf '#!/bin/sh\\nexec '$(command -v gdal_translate)' -outsize 3 2 \"$@\"\\n' > tools/gdal_translate; chmod +x "
+      "tools/gdal_translate");
+  const std::string path = std::getenv("PATH");
+  setenv("PATH", ((folder_ / "tools").string() + ":" + path).c_str(), 1);
+  const std::string said = refusal("cp mask.tif map.tif");
+  setenv("PATH", path.c_str(), 1);
+  EXPECT_THAT(said, HasSubstr("a map of another size than they said"));
+}
+
 TEST_F(Maps, AreReadWhateverLiesBesideThem) {
   shell("for what in aux.xml msk ovr; do truncate -s 3G plain.tif.$what; done; truncate -s 3G plain.tfw");
   const auto loaded = load("plain.tif", {"place=geo"});
