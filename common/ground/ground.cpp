@@ -4,14 +4,17 @@
 #include <array>
 #include <cmath>
 
+#include "common/outcome/contract.h"
+
 namespace ridgecast::ground {
 
 using lattice::Step;
 
 void normals(const terrain::Terrain& terrain, std::span<const Step> x, std::span<const Step> z, std::uint32_t spacing,
              std::span<float> out) {
+  expects(z.size() == x.size() && out.size() == 3 * x.size(), "each place has its normal");
   constexpr std::size_t kBatch = 64;  // 256 heights a call
-  const Step s = spacing;
+  const Step s = spacing == 0 ? kDefaultSpacing : spacing;
   std::array<Step, 4 * kBatch> sampleX, sampleZ;
   std::array<float, 4 * kBatch> height;
   const auto within = [](Step v) { return std::clamp(v, -lattice::kMaxPosition, lattice::kMaxPosition); };
@@ -47,6 +50,8 @@ class Above {
   Above(const terrain::Terrain& terrain, const Ray& ray, std::uint64_t* taken) : terrain_(terrain), ray_(ray), taken_(taken) {
     // Scaled before squaring, so that every finite length has a direction.
     const double most = std::max({std::abs(ray.directionX), std::abs(ray.directionY), std::abs(ray.directionZ)});
+    expects(most > 0 && std::isfinite(most), "a ray has a direction");
+    expects(std::isfinite(ray.reach), "a ray ends");
     const double x = ray.directionX / most, y = ray.directionY / most, z = ray.directionZ / most;
     const double length = std::sqrt(x * x + y * y + z * z);
     x_ = x / length, y_ = y / length, z_ = z / length;

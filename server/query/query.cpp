@@ -36,8 +36,7 @@ std::uint64_t Answering::work() {
     terrain_->heights(x, z, std::span(answer_.heights).subspan(begin, count));
     return count;
   }
-  ground::normals(*terrain_, x, z, query_.spacing == 0 ? ground::kDefaultSpacing : query_.spacing,
-                  std::span(answer_.normals).subspan(3 * begin, 3 * count));
+  ground::normals(*terrain_, x, z, query_.spacing, std::span(answer_.normals).subspan(3 * begin, 3 * count));
   return 4 * count;
 }
 

@@ -4,6 +4,7 @@
 
 #include <cmath>
 #include <functional>
+#include <limits>
 #include <numbers>
 #include <random>
 #include <vector>
@@ -55,6 +56,21 @@ TEST(Ground, NormalsAreUnitsUpToTheEndOfTheLattice) {
       EXPECT_GT(out[3 * k + 1], 0);
     }
   }
+}
+
+TEST(Ground, ASpacingOfZeroIsTheDefault) {
+  const auto alpine = terrain::create("alpine", 1).value();
+  const std::vector<Step> x{0, 12'345}, z{-7, 99};
+  std::vector<float> out(6), byDefault(6);
+  normals(*alpine, x, z, 0, out);
+  normals(*alpine, x, z, kDefaultSpacing, byDefault);
+  EXPECT_EQ(out, byDefault);
+}
+
+TEST(GroundDeathTest, ARayHasADirectionAndAnEnd) {
+  const Made plane([](double, double) { return 0.0; });
+  EXPECT_DEATH(cast(plane, {.y = 1, .directionY = 1, .reach = std::numeric_limits<double>::quiet_NaN()}), "a ray ends");
+  EXPECT_DEATH(cast(plane, {.y = 1, .reach = 10}), "a ray has a direction");
 }
 
 TEST(Ground, RaysMeetAPlaneWhereGeometrySays) {
