@@ -16,6 +16,21 @@ constexpr std::array<std::string_view, 23> kLongMarks = {"<<=", ">>=", "++", "--
                                                          ">>",  "+=",  "-=", "*=", "/=", "%=", "&=", "|=", "^=", "//", "/*"};
 constexpr std::string_view kMarks = "+-*/%<>=!&|^~?:;,.()[]{}";
 
+// The first bracket that does not close what was opened, or the last that is not closed; tokens.size(): none.
+std::size_t lonely(const std::vector<Token>& tokens) {
+  constexpr std::string_view kOpening = "([{", kClosing = ")]}";
+  std::vector<std::size_t> open;
+  for (std::size_t i = 0; i < tokens.size(); ++i) {
+    if (tokens[i].kind != Kind::kMark || tokens[i].text.size() != 1) continue;
+    if (kOpening.find(tokens[i].text) != kOpening.npos) open.push_back(i);
+    const std::size_t kind = kClosing.find(tokens[i].text);
+    if (kind == kClosing.npos) continue;
+    if (open.empty() || tokens[open.back()].text[0] != kOpening[kind]) return i;
+    open.pop_back();
+  }
+  return open.empty() ? tokens.size() : open.back();
+}
+
 }  // namespace
 
 bool isNameCharacter(char c) { return isNameStart(c) || isDigit(c); }
@@ -89,6 +104,8 @@ Outcome<std::vector<TopLevel>> topLevel(std::string_view file, const std::vector
     while (i < tokens.size() && !is(i, ";")) i = after(i);
     return std::min(i + 1, tokens.size());
   };
+  if (const std::size_t k = lonely(tokens); k < tokens.size())
+    return Error{at(file, tokens[k].line) + "'" + tokens[k].text + "' has no partner: brackets open and close in the file"};
   std::vector<std::string> wrong;
   using enum TopLevel::What;
   std::size_t past = 0;  // all before it are read

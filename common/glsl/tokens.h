@@ -31,7 +31,8 @@ struct TopLevel {
   std::size_t parameters = 0, body = 0;  // functions: index of ( and of {
 };
 
-// Error: something that is not allowed at a terrain file's top level, such as a variable or a uniform; one line for each (complaints.h).
+// All its brackets match. Error: they do not, or something that is not allowed at a terrain file's top level, such as a variable or a
+// uniform; one line for each (complaints.h).
 Outcome<std::vector<TopLevel>> topLevel(std::string_view file, const std::vector<Token>& tokens);
 
 // Index of the mark that closes the one at `open`, or tokens.size().
