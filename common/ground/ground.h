@@ -22,8 +22,8 @@ struct Ray {
   double reach = 0;                                       // metres
 };
 
-// Unit normals (x, y, z of each place) of the plane through the heights `spacing` steps (0: kDefaultSpacing) to each side: along x and along z, the slope
-// between the two. `out` has three times the size of x and z. Positions within `spacing` of the lattice's end use the end.
+// Unit normals (x, y, z of each place) of the plane through the heights `spacing` steps to each side, 0: kDefaultSpacing: along x and along
+// z, the slope between the two. `out` has three times the size of x and z. Positions within `spacing` of the lattice's end use the end.
 void normals(const terrain::Terrain& terrain, std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::uint32_t spacing,
              std::span<float> out);
 

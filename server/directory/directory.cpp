@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "common/outcome/contract.h"
 #include "common/wire/wire.h"
 #include "server/logging/logging.h"
 
@@ -13,6 +14,7 @@ Directory::Directory(std::shared_ptr<const Resources> resources, std::shared_ptr
       quota_(std::make_shared<CameraQuota>(resources_->limits.maxCameras, resources_->limits.maxTotalTriangles)),
       reservations_(resources_->state),
       default_{std::move(defaultTerrain), std::move(defaultParameters)} {
+  expects(resources_->executor && default_.terrain, "a server has threads, and a terrain to begin with");
   if (auto added = addDefault(); !added && !reservations_.isElsewhere(std::string(kDefaultName))) added.value();
 }
 
@@ -67,6 +69,7 @@ Outcome<std::shared_ptr<Session>> Directory::add(std::unique_ptr<Reservation> re
                                                  std::vector<std::pair<std::string, double>> parameters, std::string maker,
                                                  wire::ClockMode clock) {
   const std::string& name = reservation->name();
+  expects(terrain != nullptr, "a session has a terrain");
   std::sort(parameters.begin(), parameters.end());
   WorldSpec spec{std::string(terrain->name()), terrain->seed(), std::move(parameters), clock};
   auto kept = reservation->keep({spec.terrain, spec.seed, spec.parameters, terrain::contentHash(*terrain)}, terrain);
@@ -74,13 +77,15 @@ Outcome<std::shared_ptr<Session>> Directory::add(std::unique_ptr<Reservation> re
   auto session = std::make_shared<Session>(name, std::move(terrain), std::move(spec), resources_, quota_, std::move(*kept));
   const std::lock_guard lock(mutex_);
   if (auto full = fullFor(maker)) return Error{std::move(full->sentence)};
-  sessions_.emplace(name, Kept{session, std::move(maker), 0, {}});
+  const bool isNew = sessions_.emplace(name, Kept{session, std::move(maker), 0, {}}).second;
+  expects(isNew, "a name that is reserved is free");
   sweepSoon();
   return session;
 }
 
 bool Directory::replace(const std::shared_ptr<Session>& session, std::shared_ptr<const terrain::Terrain> terrain,
                         const std::function<void(const Session& successor)>& prepare) {
+  expects(session && terrain, "a successor has a predecessor and a terrain");
   auto successor = std::make_shared<Session>(session->name(), std::move(terrain), session->spec(), resources_, quota_);
   if (prepare) prepare(*successor);
   const std::lock_guard lock(mutex_);

@@ -20,6 +20,7 @@
 #include <utility>
 #include <vector>
 
+#include "common/outcome/contract.h"
 #include "common/outcome/outcome.h"
 #include "common/terrain/terrain.h"
 #include "server/directory/reservations.h"
@@ -78,7 +79,7 @@ class Directory : public std::enable_shared_from_this<Directory> {
   std::uint32_t cameras() const { return quota_->cameras(); }
   std::uint64_t triangles() const { return quota_->triangles(); }  // set aside for the cameras
   std::uint64_t nextCameraId() { return ++lastCameraId_; }
-  void startCameraIdsAfter(std::uint64_t last) { lastCameraId_ = last; }  // before anybody has one
+  void startCameraIdsAfter(std::uint64_t last) { expects(lastCameraId_.exchange(last) == 0, "numbers begin before anybody has one"); }
 
  private:
   std::shared_ptr<const Resources> resources_;

@@ -4,6 +4,8 @@
 #include <system_error>
 #include <utility>
 
+#include "common/outcome/contract.h"
+#include "common/wire/wire.h"
 #include "server/edit_log/clients.h"
 #include "server/logging/logging.h"
 
@@ -41,6 +43,7 @@ bool Reservations::hasLog(const std::string& name) const {
 }
 
 Outcome<std::unique_ptr<Reservation>> Reservations::take(const std::string& name) const {
+  expects(wire::sessionNameIsValid(name), "a name that becomes a file's is valid");
   {
     const std::lock_guard lock(names_->mutex);
     if (!names_->taken.insert(name).second) return std::unique_ptr<Reservation>();
@@ -65,6 +68,7 @@ Outcome<std::unique_ptr<Reservation>> Reservations::take(const std::string& name
 }
 
 Outcome<Edits::Kept> Reservation::keep(const edit_log::World& world, const std::shared_ptr<const terrain::Terrain>& terrain) {
+  expects(held_ && terrain, "a name is held until its session has it");
   Edits::Kept kept;
   if (!held_->lock) return kept;  // its name is free as soon as it lives
   kept.held = held_;

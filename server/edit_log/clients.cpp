@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "common/outcome/contract.h"
 #include "server/edit_log/database.h"
 
 namespace ridgecast::edit_log {
@@ -57,6 +58,7 @@ Outcome<std::size_t> begunBy(std::string_view client, const std::set<std::string
 }  // namespace
 
 Outcome<std::unique_ptr<Log>> createFor(std::string_view client, std::shared_ptr<const Lock> lock, const World& world, std::size_t most) {
+  expects(lock && most >= 2, "a log is begun by who holds its lock");
   const fs::path folder = lock->log().parent_path();
   const std::string name = lock->log().filename().string();
   auto db = Database::open(folder / kClientsFile, SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE);

@@ -10,6 +10,7 @@
 #include <string>
 #include <string_view>
 
+#include "common/outcome/contract.h"
 #include "common/outcome/outcome.h"
 
 namespace ridgecast::edit_log {
@@ -55,12 +56,15 @@ class Statement {
   };
 
  private:
-  void bind(int index, std::int64_t value) { sqlite3_bind_int64(statement_.get(), index, value); }
+  static void bound(int code) {
+    expects(code != SQLITE_MISUSE && code != SQLITE_RANGE, "values are given to a statement at rest that has them");
+  }
+  void bind(int index, std::int64_t value) { bound(sqlite3_bind_int64(statement_.get(), index, value)); }
   void bind(int index, std::uint64_t value) { bind(index, static_cast<std::int64_t>(value)); }
   void bind(int index, std::string_view text) {
-    sqlite3_bind_text64(statement_.get(), index, text.data() ? text.data() : "", text.size(), SQLITE_STATIC, SQLITE_UTF8);
+    bound(sqlite3_bind_text64(statement_.get(), index, text.data() ? text.data() : "", text.size(), SQLITE_STATIC, SQLITE_UTF8));
   }
-  void bind(int index, Bytes bytes) { sqlite3_bind_blob64(statement_.get(), index, bytes.data(), bytes.size(), SQLITE_STATIC); }
+  void bind(int index, Bytes bytes) { bound(sqlite3_bind_blob64(statement_.get(), index, bytes.data(), bytes.size(), SQLITE_STATIC)); }
 
   struct Finalize {
     void operator()(sqlite3_stmt* statement) const { sqlite3_finalize(statement); }
@@ -99,7 +103,10 @@ class Transaction {
   }
   Transaction(const Transaction&) = delete;
   Transaction& operator=(const Transaction&) = delete;
-  Outcome<void> begin() { return database_.run("BEGIN IMMEDIATE"); }
+  Outcome<void> begin() {
+    expects(sqlite3_get_autocommit(database_.handle()), "one transaction at a time");
+    return database_.run("BEGIN IMMEDIATE");
+  }
   Outcome<void> commit() { return database_.run("COMMIT"); }
 
  private:

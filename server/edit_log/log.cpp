@@ -5,6 +5,7 @@
 
 #include "common/edits/json.h"
 #include "common/edits/packed.h"
+#include "common/outcome/contract.h"
 #include "common/text/text.h"
 #include "server/edit_log/database.h"
 #include "server/edit_log/tiles.h"
@@ -130,6 +131,7 @@ Outcome<std::unique_ptr<Log>> Log::temporary() {
 }
 
 Outcome<bool> Log::connect(int flags) {
+  expects(lock_ != nullptr, "a log is opened by who holds its lock");
   const std::filesystem::path& file = lock_->log();
   const std::string name = "'" + file.filename().string() + "'";
   // To SQLite a file of one byte is an empty one, and it would begin again.
@@ -322,6 +324,7 @@ Outcome<std::vector<Applied>> Log::readNow(std::uint64_t after, std::size_t most
 }
 
 Outcome<edits::History::Past> Log::past(std::uint64_t after, std::uint64_t last) {
+  expects(after <= last, "what is past has been");
   const std::lock_guard lock(mutex_);
   edits::History::Past out;
   if (after == meta_.compacted) {
@@ -374,6 +377,7 @@ Outcome<void> Log::putMeta(const Meta& meta) {
 }
 
 Outcome<void> Log::append(std::span<const Applied> edits, const Change& change) {
+  expects(!edits.empty(), "a write has edits");
   const std::lock_guard lock(mutex_);
   Transaction transaction(sql_->database);
   if (auto begun = transaction.begin(); !begun) return begun.error();
@@ -402,6 +406,7 @@ Outcome<void> Log::append(std::span<const Applied> edits, const Change& change) 
 }
 
 Outcome<void> Log::cache(const edits::Layer& layer) {
+  expects(lock_ != nullptr, "a temporary log keeps no tiles");
   const std::lock_guard lock(mutex_);
   Transaction transaction(sql_->database);
   if (auto begun = transaction.begin(); !begun) return begun.error();

@@ -10,6 +10,7 @@
 #include "common/edits/edited_terrain.h"
 #include "common/edits/json.h"
 #include "common/edits/square.h"
+#include "common/outcome/contract.h"
 #include "common/terrain/raster.h"
 #include "common/wire/wire.h"
 #include "server/memory/memory.h"
@@ -109,7 +110,9 @@ CameraSession::CameraSession(std::shared_ptr<Session> session, Membership member
       sender_(std::move(sender)),
       pool_(session_->resources().executor->makePool()),
       conversation_(termsOf(*session_, membership_)),
-      figures_(session_->resources().figures, *session_->resources().timer) {}
+      figures_(session_->resources().figures, *session_->resources().timer) {
+  expects(sender_ && membership_.quota && id_ != 0, "a camera is a member with a number, and a way to its client");
+}
 
 void CameraSession::receive(wire::ClientMessage message) {
   const std::lock_guard lock(mutex_);
@@ -276,6 +279,7 @@ void CameraSession::run() {
   bool failed = false;
   try {
     std::unique_lock lock(mutex_);
+    expects(scheduled_, "one task runs at a time, and was scheduled");
     const bool copies = !copies_.empty() && conversation_.runs();
     const auto due = conversation_.due(sender_->queuedBytes());  // messages that came since may have put it off
     const bool isDue = due && *due <= session_->resources().timer->now();
@@ -309,6 +313,7 @@ void CameraSession::run() {
 }
 
 void CameraSession::work(const conversation::Greet&) {
+  expects(!task_.mesh, "a client is greeted once");
   task_.ground = session_->ground();
   const auto& terrain = task_.ground.terrain;
   const wire::Hello& hello = conversation_.hello();
@@ -330,6 +335,7 @@ void CameraSession::work(const conversation::Greet&) {
 }
 
 bool CameraSession::copy(TakeCopy done) {
+  expects(done != nullptr, "a copy goes to somebody");
   const std::lock_guard lock(mutex_);
   if (!conversation_.runs() || conversation_.replica().lastSent() == 0 || copies_.size() >= kMaxCopies) return false;
   copies_.push_back(std::move(done));
@@ -337,6 +343,7 @@ bool CameraSession::copy(TakeCopy done) {
 }
 
 void CameraSession::workOnCopy() {
+  expects(task_.mesh != nullptr, "what is copied is there");
   const Timer& timer = *session_->resources().timer;
   const auto end = timer.now() + session_->resources().limits.turn;
   if (!task_.copy) task_.copy = std::make_shared<MeshCopy>();
@@ -362,6 +369,7 @@ void CameraSession::workOnCopy() {
 
 void CameraSession::work(const conversation::SendTiles& wanted) {
   const auto terrain = session_->terrain();
+  expects(terrain->raster(), "tiles are those of a height map");
   const terrain::Raster& raster = *terrain->raster();
   wire::HeightTiles message;
   message.tiles.resize(wanted.tiles.size());
@@ -409,6 +417,7 @@ void CameraSession::work(const conversation::SendSquares& wanted) {
 std::vector<lattice::Area> CameraSession::followGround() {
   auto [ground, changed] = session_->edits().since(task_.ground.edit);
   if (ground.edit == task_.ground.edit) return {};
+  expects(ground.edit > task_.ground.edit, "ground goes on");
   task_.ground = std::move(ground);
   task_.mesh->setGround(task_.ground.terrain, changed);
   task_.encoder->setTerrain(task_.ground.terrain);
@@ -416,6 +425,7 @@ std::vector<lattice::Area> CameraSession::followGround() {
 }
 
 void CameraSession::work(const conversation::Iterate& order) {
+  expects(task_.mesh && task_.encoder, "a camera iterates once its client is greeted");
   metrics::Metrics& figures = *session_->resources().figures;
   if (order.granted) {
     task_.mesh->change(*order.granted);

@@ -6,6 +6,7 @@
 #include <span>
 
 #include "common/ground/ground.h"
+#include "common/outcome/contract.h"
 
 namespace ridgecast::query {
 
@@ -24,6 +25,7 @@ Answering::Answering(std::shared_ptr<const terrain::Terrain> terrain, wire::Quer
 std::uint64_t Answering::work() {
   constexpr std::size_t kPlaces = 1024;
   const std::size_t begin = done_;
+  expects(begin < size_, "some of the answer is left");
   if (query_.kind == wire::QueryKind::kRays) {
     std::uint64_t heights = 0;
     answer_.distances[begin] = ground::cast(*terrain_, query_.rays[done_++], &heights);

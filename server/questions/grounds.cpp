@@ -60,7 +60,9 @@ Grounds::Grounds(std::function<Ground()> ground, std::uint32_t triangleBudget, s
       queue_(std::move(queue)),
       sender_(std::move(sender)),
       timeout_(timeout),
-      turn_(turn) {}
+      turn_(turn) {
+  expects(ground_ && queue_ && sender_ && turn_.count() > 0, "who asks for grounds waits in a queue, works in turns and is answered");
+}
 
 Grounds::~Grounds() = default;
 
@@ -106,6 +108,7 @@ void Grounds::run(SlotQueue::Slot slot) {
   std::unique_ptr<Work> done;  // destroyed before the slot is released, and without the lock
   {
     const std::lock_guard lock(mutex_);
+    expects(!pending_.empty() && pending_.front().get() == work, "what is answered waits first");
     done = std::move(pending_.front());
     pending_.pop_front();
     runs_ = !pending_.empty();
@@ -150,6 +153,7 @@ std::optional<wire::Ground> Grounds::mesh(Work& work, Clock::time_point until) c
   if (*made && work.isTrial()) return unfit(work, "an error of " + text::rounded(work.error, 3) + " m fits, or ");
   if (*made) {
     work.leaves = std::move((*made)->leaves);
+    expects(!work.leaves.empty(), "a mesh of a square has leaves");
     work.ground.leaves.resize(work.leaves.size());
     work.ground.error = (*made)->error;
   } else if (made->error().kind == box::Problem::Kind::kTooMuch) {
@@ -161,7 +165,9 @@ std::optional<wire::Ground> Grounds::mesh(Work& work, Clock::time_point until) c
 // The error does not fit: looks for one that does.
 std::optional<wire::Ground> Grounds::coarser(Work& work, double reached) const {
   if (work.error >= kMaxError) return unfit(work, "");
-  work.error = std::min(kMaxError, std::max(kCoarser * reached, (reached > 0 ? 1.5 : kUnknown) * work.error));
+  const double before =
+      std::exchange(work.error, std::min(kMaxError, std::max(kCoarser * reached, (reached > 0 ? 1.5 : kUnknown) * work.error)));
+  expects(work.error > before, "each trial is coarser than the one before");
   return {};
 }
 

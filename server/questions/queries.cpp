@@ -3,6 +3,7 @@
 #include <exception>
 #include <utility>
 
+#include "common/outcome/contract.h"
 #include "common/wire/wire.h"
 
 namespace ridgecast::session {
@@ -11,7 +12,9 @@ Queries::Queries(std::shared_ptr<const Session> session, std::shared_ptr<Sender>
     : session_(std::move(session)),
       sender_(std::move(sender)),
       queue_(session_->resources().queryQueues().queries),
-      budgets_(std::move(budgets)) {}
+      budgets_(std::move(budgets)) {
+  expects(sender_ && budgets_, "queries are charged to somebody, and answered");
+}
 
 bool Queries::ask(wire::Query query) {
   {
@@ -71,6 +74,7 @@ bool Queries::workOnFirst() {
   sender_->send(first->take(), ticketOf(open_));
   std::unique_ptr<query::Answering> done;  // destroyed without the lock
   const std::lock_guard lock(mutex_);
+  expects(!pending_.empty() && pending_.front().get() == first, "what is answered waits first");
   done = std::move(pending_.front());
   pending_.pop_front();
   return true;

@@ -19,6 +19,7 @@
 #include <thread>
 #include <utility>
 
+#include "common/outcome/contract.h"
 #include "server/logging/logging.h"
 #include "server/recording/format.h"
 #include "server/recording/reader.h"
@@ -242,6 +243,7 @@ void Recorder::State::run() {
 }
 
 void Recorder::State::take(Waiting& waits) {
+  expects(waits.of != nullptr, "a record is of a recording");
   Writing& w = *waits.of;
   if (waits.isEnd) {
     if (open.contains(&w) && write(w)) close(w);
@@ -276,6 +278,7 @@ void Recorder::State::apply(Writing& w, const Event& event) {
 }
 
 bool Recorder::State::make(Writing& w, Writing::File& file, unsigned number) {
+  expects(file.descriptor < 0 && !w.isClosed, "a part is made of a recording that goes on, when the one before is closed");
   const fs::path path = folder / partName(w.name, number);
   file.descriptor = ::open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_APPEND | O_CLOEXEC, 0644);
   if (file.descriptor < 0) return stop(w, "'" + path.string() + "' cannot be made: " + std::strerror(errno));
@@ -289,6 +292,7 @@ bool Recorder::State::keep(Writing& w, const Edited& edited) {
     Encoder().put({0, w.world}, w.edits.block);
   }
   if (!Encoder().put({0, edited}, w.edits.block)) return end(w, "an edit has more than " + std::to_string(kMaxRecordBytes) + " bytes");
+  expects(edited.number > w.lastEdit, "edits are recorded in order");
   w.lastEdit = edited.number;
   return w.edits.block.size() < kFullBlock || append(w, w.edits);
 }
@@ -308,6 +312,7 @@ bool Recorder::State::begin(Writing& w) {
 
 bool Recorder::State::append(Writing& w, Writing::File& file) {
   if (file.block.empty()) return true;
+  expects(file.descriptor >= 0, "what is written has a file");
   const Bytes frame = compress(file.block);
   file.block.clear();
   if (&file == &w.edits && file.size + frame.size() > bytes / 2)
@@ -342,6 +347,7 @@ bool Recorder::State::makeRoom(std::uint64_t more) {
   while (total + more > bytes && !old.empty()) {
     std::error_code ignored;
     fs::remove(old.front().first, ignored);
+    expects(total >= old.front().second, "closed parts are counted");
     total -= old.front().second;
     old.pop_front();
   }

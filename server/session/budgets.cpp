@@ -2,9 +2,12 @@
 
 #include <algorithm>
 
+#include "common/outcome/contract.h"
+
 namespace ridgecast::session {
 
 Outcome<std::uint64_t> Budgets::spendEdit(const edits::Operation& operation, std::size_t bytes, Time now) {
+  expects(bytes > 0, "an edit has bytes");
   const auto owed = std::max(edits.free() - now - kEditDebt, editBytes.free() - now - kEditBytesDebt);
   if (owed.count() > 0)
     return Error{"Too many or too large edits at once; send it again in " +

@@ -2,9 +2,12 @@
 
 #include <algorithm>
 
+#include "common/outcome/contract.h"
+
 namespace ridgecast::session {
 
 void Clock::play(const wire::Clock& recording, Instant now) {
+  expects(owner_ == 0 && followers_.empty(), "a recording plays before anybody follows its clock");
   since_ = now;
   end_ = recording.end;
   time_ = upToEnd(recording.time);
@@ -100,6 +103,7 @@ bool Clock::passOver(std::uint64_t member) {
 }
 
 void Clock::begin(const wire::ClockStep& step) {
+  expects(mode_ == wire::ClockMode::kStepped && waitsFor_.empty(), "a step begins on a stepped clock when nobody is waited for");
   ++step_;
   time_ = movedTo(time_ + step.time);
   if (!step.wait) return;

@@ -32,6 +32,7 @@ Outcome<EditPages::Page> pageOf(const std::vector<Applied>& edits) {
 }  // namespace
 
 void EditPages::page(std::uint64_t after, Take take) {
+  expects(take != nullptr, "a page goes to somebody");
   {
     const std::lock_guard lock(mutex_);
     auto& takers = asked_[after];
@@ -56,6 +57,7 @@ void EditPages::answer(Read read) {
 
 void EditPages::code() {
   std::unique_lock lock(mutex_);
+  expects(!read_.empty(), "a page that is coded was read");
   const Read read = std::move(read_.front());
   lock.unlock();
   Outcome<Page> page = Error{"The server ran out of memory at a page of edits; connect again."};
@@ -66,6 +68,7 @@ void EditPages::code() {
   lock.lock();
   expects(asked_.contains(read.after), "a page that is read was asked for");
   const std::vector<Take> takers = std::move(asked_.extract(read.after).mapped());
+  expects(!page || !page->message || page->last > read.after, "a page goes on after the edit that was named");
   if (page && page->message && !read.page) {
     coded_.push_back({read.after, page->last, page->message});
     if (coded_.size() > kRecent) coded_.pop_front();

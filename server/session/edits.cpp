@@ -64,6 +64,7 @@ Edits::Edits(std::shared_ptr<const terrain::Terrain> terrain, scheduling::Execut
       bytes_(kept_.store ? kept_.store->bytes() : 0),
       ground_{history_.last() == 0 ? history_.terrain() : std::make_shared<edits::EditedTerrain>(history_.terrain(), history_.layer()),
               history_.last()} {
+  expects(!kept_.store || kept_.store->last() == ground_.edit, "a session begins with all edits of its store");
   kept_.history.reset();
   space_->kept.take(bytes_, ~std::uint64_t{0});
 }
@@ -98,6 +99,7 @@ Edits::News Edits::since(std::uint64_t edit) const {
 // ---- what waits ----
 
 void Edits::ask(Edit edit, Done done, Pay pay) {
+  expects(done && edit.key.find('\n') == edit.key.npos, "an edit is answered, and its key ends where it ends");
   Applied asked;
   if (!edit.key.empty()) asked.key = edit.author + '\n' + edit.key;
   asked.author = std::move(edit.author);
@@ -183,6 +185,7 @@ std::optional<Edits::Answer> Edits::known(const Applied& asked) {
 }
 
 std::optional<Edits::Answer> Edits::keptWith(const std::string& key, const Applied& asked) {
+  expects(!key.empty(), "an edit without a key is not known again");
   const auto number = kept_.store->numberOf(key);
   if (!number) return Answer(told(number.error()));
   if (!*number) return {};
@@ -192,6 +195,7 @@ std::optional<Edits::Answer> Edits::keptWith(const std::string& key, const Appli
 }
 
 void Edits::make() {
+  expects(batch_.done <= group_.size(), "a batch is of its group");
   if (isOver()) {
     batch_.making.reset();
     return goOn();
@@ -235,6 +239,7 @@ bool Edits::step(Waiting& waiting) {
 }
 
 std::optional<Edits::Answer> Edits::begin(const Waiting& waiting) {
+  expects(!batch_.making, "one edit is made at a time");
   const EditSpace::Limits& limits = space_->limits;
   const std::uint64_t bytes = waiting.asked.bytes();
   auto operation = edits::unpack(waiting.asked.operation).value();
@@ -281,6 +286,8 @@ void Edits::keep() {
 }
 
 Outcome<void> Edits::append() {
+  expects(!batch_.made.empty() && batch_.before && batch_.changed.size() == batch_.made.size(),
+          "what is written was made, on known ground");
   if (!kept_.store) {
     auto store = kept_.makeStore(edits::clientOf(batch_.made.front().author));
     if (!store) return store.error();
@@ -298,6 +305,7 @@ Error Edits::told(Error e) {
 }
 
 void Edits::takeBack(const Answer& why) {
+  expects(!batch_.made.empty() && batch_.before, "what is taken back was made");
   const std::uint64_t before = batch_.made.front().number - 1;
   for (const Applied& m : batch_.made) {
     space_->kept.give(m.bytes());
@@ -316,6 +324,8 @@ void Edits::publish() {
   if (noted_) std::ranges::for_each(batch_.made, noted_);
   {
     const std::lock_guard lock(mutex_);
+    expects(batch_.made.empty() || (batch_.made.front().number == ground_.edit + 1 && batch_.made.back().number == batch_.next.edit),
+            "new ground is that of the edits after the last");
     if (!batch_.made.empty()) ground_ = std::move(batch_.next);
     for (const Applied& m : batch_.made) areas_.push_back(m.ground);
     if (areas_.size() > kRecent) areas_.erase(areas_.begin(), areas_.end() - kRecent);
@@ -365,6 +375,7 @@ void Edits::goOn() {
 // ---- reading ----
 
 void Edits::read(std::uint64_t after, std::size_t most, Read read) {
+  expects(read != nullptr, "what is read goes to somebody");
   const std::lock_guard lock(mutex_);
   if (readings_.empty()) disk_->post([self = shared_from_this()] { self->readAll(); });
   readings_.push_back({after, most, std::move(read)});

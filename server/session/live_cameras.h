@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "common/mesh/leaf_mesh.h"
+#include "common/outcome/contract.h"
 #include "common/wire/messages.h"
 #include "server/session/edits.h"
 
@@ -40,7 +41,7 @@ class LiveCameras {
  public:
   void add(std::uint64_t id, std::weak_ptr<LiveCamera> camera) {
     const std::lock_guard lock(mutex_);
-    cameras_[id] = std::move(camera);
+    expects(cameras_.emplace(id, std::move(camera)).second, "a number belongs to one camera");
   }
   void remove(std::uint64_t id) {
     const std::lock_guard lock(mutex_);

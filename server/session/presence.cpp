@@ -31,6 +31,7 @@ Presence::Presence(const Timer& timer, wire::ClockMode clock, std::shared_ptr<re
 
 void Presence::play(const wire::Clock& recording, std::function<void(std::uint64_t time)> goBack) {
   const std::lock_guard lock(mutex_);
+  expects(entries_.empty(), "a recording plays before anybody joins");
   goBack_ = std::move(goBack);
   clock_.play(recording, timer_.now());
   clockChanged();
@@ -40,6 +41,7 @@ void Presence::join(std::uint64_t camera, const wire::Hello& hello, std::shared_
                     const std::optional<wire::PoseMessage>& pose, std::optional<wire::World> world) {
   const std::lock_guard lock(mutex_);
   expects(!entries_.contains(camera), "a member joins once");
+  expects(camera != 0 && (sender || !world), "a member has a number, and a way to it if it is told of the world");
   Entry& entry = entries_[camera];
   entry.member = {camera, hello.role, hello.clientName, {}};
   entry.sender = std::move(sender);
@@ -109,6 +111,7 @@ void Presence::notifyMembers() {
 bool Presence::notify(Entry& entry) {
   if (entry.notified == version_) return true;
   if (!entry.waiting.expired() || entry.budget.free() > timer_.now()) return false;
+  expects(entry.notified < version_, "versions go up");
   wire::Members news;
   for (const auto& [id, other] : entries_) {
     if (&other == &entry) continue;

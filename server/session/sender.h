@@ -9,13 +9,14 @@
 #include <string>
 #include <utility>
 
+#include "common/outcome/contract.h"
 #include "common/wire/messages.h"
 
 namespace ridgecast::session {
 
 // A request stays open until the last copy is released.
 inline std::shared_ptr<const void> ticketOf(std::shared_ptr<std::atomic<std::size_t>> open) {
-  return {nullptr, [open = std::move(open)](const void*) { --*open; }};
+  return {nullptr, [open = std::move(open)](const void*) { expects(open->fetch_sub(1) > 0, "a request that is answered was open"); }};
 }
 
 // What a client is told of a failure in its work, which ends only its camera.

@@ -78,7 +78,8 @@ std::uint64_t Session::hashOf(const Ground& ground) const {
   return ground.edit == 0 ? contentHash_ : lattice::mix(contentHash_ + ground.edit) ^ nonce_;
 }
 
-void Session::edit(Edit edit, std::shared_ptr<Budgets> budgets, std::function<void(const Edits::Answer&)> done) {
+void Session::edit(Edit edit, const std::shared_ptr<Budgets>& budgets, std::function<void(const Edits::Answer&)> done) {
+  expects(done != nullptr, "an edit is answered");
   use();
   const auto spent = std::make_shared<std::uint64_t>(0);
   edits_->ask(

@@ -46,7 +46,7 @@ class Session {
   Edits& edits() const { return *edits_; }
   EditPages& editPages() const { return *editPages_; }
   // Asks for the edit, charged to these budgets. `done` as Edits::Done.
-  void edit(Edit edit, std::shared_ptr<Budgets> budgets, std::function<void(const Edits::Answer& number)> done);
+  void edit(Edit edit, const std::shared_ptr<Budgets>& budgets, std::function<void(const Edits::Answer& number)> done);
   const WorldSpec& spec() const { return spec_; }
   std::uint64_t contentHash() const { return contentHash_; }  // of the world, whatever its edits
   std::uint64_t hashOf(const Ground& ground) const;           // of world and edits: another for other ground

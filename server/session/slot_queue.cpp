@@ -8,6 +8,7 @@
 namespace ridgecast::session {
 
 void SlotQueue::enter(std::weak_ptr<Worker> worker) {
+  expects(!worker.expired(), "who waits for a slot lives");
   {
     const std::lock_guard lock(mutex_);
     std::erase_if(waiting_, [](const auto& one) { return one.expired(); });

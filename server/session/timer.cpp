@@ -6,6 +6,8 @@
 #include <thread>
 #include <utility>
 
+#include "common/outcome/contract.h"
+
 namespace ridgecast::session {
 
 struct SteadyTimer::State {
@@ -57,6 +59,7 @@ SteadyTimer::~SteadyTimer() {
 }
 
 void SteadyTimer::at(Time when, std::function<void()> call) const {
+  expects(call != nullptr, "what is timed can be called");
   const std::lock_guard lock(state_->mutex);
   if (state_->ends) return;
   state_->calls.emplace(when, std::move(call));

@@ -24,12 +24,12 @@ double threadSeconds() {
   return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
 }
 
-constexpr int kTurn = 50;  // iterations
+constexpr int kTogether = 50;  // iterations
 
 // As a server's: its work is a task of a pool of its own.
-class Flown {
+class FlyingCamera {
  public:
-  Flown(scheduling::Executor& executor, std::uint64_t seed)
+  FlyingCamera(scheduling::Executor& executor, std::uint64_t seed)
       : terrain_(terrain::create("alpine", seed).value()), pool_(executor.makePool(1)) {
     settings::Settings asked;
     asked.threshold = 0.6;
@@ -42,7 +42,7 @@ class Flown {
     auto done = std::make_shared<std::promise<double>>();
     pool_->post([this, done] {
       const double began = threadSeconds();
-      for (int n = 0; n < kTurn; ++n) pipeline_->iterate(testing_support::straight(*terrain_, 0.1 * ++frame_));
+      for (int n = 0; n < kTogether; ++n) pipeline_->iterate(testing_support::straight(*terrain_, 0.1 * ++frame_));
       done->set_value(threadSeconds() - began);
     });
     return done->get_future();
@@ -102,14 +102,14 @@ double emptyTask() {
 
 Report contention(const Options& options) {
   scheduling::Executor executor(2);
-  Flown one(executor, 1), other(executor, 2);
+  FlyingCamera one(executor, 1), other(executor, 2);
   Reader reader;
   std::vector<double> alone, pair, beside, free, shared, empty;
   for (int turn = 0; turn < (options.quick ? 3 : 15); ++turn) {
-    alone.push_back((one.fly().get() + other.fly().get()) / (2 * kTurn));
+    alone.push_back((one.fly().get() + other.fly().get()) / (2 * kTogether));
     auto first = one.fly(), second = other.fly();
-    pair.push_back((first.get() + second.get()) / (2 * kTurn));
-    shared.push_back(reader.during([&] { beside.push_back((one.fly().get() + other.fly().get()) / (2 * kTurn)); }));
+    pair.push_back((first.get() + second.get()) / (2 * kTogether));
+    shared.push_back(reader.during([&] { beside.push_back((one.fly().get() + other.fly().get()) / (2 * kTogether)); }));
     free.push_back(reader.during([] {}));
     empty.push_back(emptyTask());
   }

@@ -9,7 +9,7 @@
 #include "common/glsl/tokens.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
-  using namespace ridgecast::user_terrain;
+  using namespace ridgecast::glsl;
   const std::string_view text(reinterpret_cast<const char*>(data), size);
   if (!checkText("a.glsl", text)) return 0;
   if (const auto declared = readDeclaration("a.glsl", text)) {
