@@ -206,9 +206,9 @@ int serve(const config::Config& config, const sigset_t& signals, const BeginServ
     return made;
   };
   if (config.limits.maxSessions > 1) resources->makeTerrain = makeTerrain;
-  std::shared_ptr<session::Directory> directory;
+  std::shared_ptr<directory::Directory> directory;
   try {
-    directory = std::make_shared<session::Directory>(resources, *terrain, config.terrain.parameters);
+    directory = std::make_shared<directory::Directory>(resources, *terrain, config.terrain.parameters);
   } catch (const std::runtime_error& e) {  // the edits that are kept of its ground
     return refuse(e.what());
   }

@@ -108,8 +108,8 @@ int play(const std::vector<Parts>& recordings, config::Config config, const Opti
   config.state.clear();
   config.record.clear();
   config.watch = false;
-  return serve(config, [&](session::Directory& directory) -> Outcome<StartServing> {
-    auto begun = playback::Playback::begin(recordings[0], directory, directory.find(session::kDefaultName), options.span.from);
+  return serve(config, [&](directory::Directory& directory) -> Outcome<StartServing> {
+    auto begun = playback::Playback::begin(recordings[0], directory, directory.find(directory::kDefaultName), options.span.from);
     if (!begun) return begun.error();
     return StartServing([playback = std::shared_ptr(std::move(*begun))](const auto& sendAway) { playback->start(sendAway); });
   });

@@ -15,7 +15,7 @@ namespace ridgecast {
 // Called once a server listens; lives as long as it serves. `sendAway`: the members of a session that has a successor.
 using StartServing = std::function<void(const std::function<void(const session::Session&)>& sendAway)>;
 // Called before it listens. Error: one sentence; then it does not serve.
-using BeginServing = std::function<Outcome<StartServing>(session::Directory& directory)>;
+using BeginServing = std::function<Outcome<StartServing>(directory::Directory& directory)>;
 // Serves by these settings until a signal comes; the exit status.
 using Serve = std::function<int(const config::Config& config, const BeginServing& begin)>;
 

@@ -166,8 +166,8 @@ int take(const config::Config& config, const std::string& out, const std::string
   resources->executor = &executor;
   resources->makeMesh = session::pipelineMeshes();
   resources->limits = config.limits;
-  const auto directory = std::make_shared<session::Directory>(resources, *terrain, config.terrain.parameters);
-  of.session = directory->find(session::kDefaultName);
+  const auto directory = std::make_shared<directory::Directory>(resources, *terrain, config.terrain.parameters);
+  of.session = directory->find(directory::kDefaultName);
   if (const auto* tiles = std::get_if<snapshot::OfMapTiles>(&question->of)) return takeArchive(of, *tiles, out);
   return *format == snapshot::Format::kTiles ? takeTiles(of, *question, out) : takeFile(of, *question, out);
 }

@@ -11,7 +11,7 @@
 
 namespace ridgecast {
 
-Watch::Watch(std::shared_ptr<session::Directory> directory, FilesOf filesOf, session::MakeTerrain makeTerrain, SendAway sendAway)
+Watch::Watch(std::shared_ptr<directory::Directory> directory, FilesOf filesOf, session::MakeTerrain makeTerrain, SendAway sendAway)
     : directory_(std::move(directory)),
       filesOf_(std::move(filesOf)),
       makeTerrain_(std::move(makeTerrain)),

@@ -29,7 +29,7 @@ class Watch {
   using SendAway = std::function<void(const session::Session&)>;
 
   // Looks from now on, on a thread of its own, until destroyed.
-  Watch(std::shared_ptr<session::Directory> directory, FilesOf filesOf, session::MakeTerrain makeTerrain, SendAway sendAway);
+  Watch(std::shared_ptr<directory::Directory> directory, FilesOf filesOf, session::MakeTerrain makeTerrain, SendAway sendAway);
 
  private:
   struct Version {
@@ -45,7 +45,7 @@ class Watch {
   void renew(const std::shared_ptr<session::Session>& session, const std::stop_token& stop);
   void run(const std::stop_token& stop);
 
-  const std::shared_ptr<session::Directory> directory_;
+  const std::shared_ptr<directory::Directory> directory_;
   const FilesOf filesOf_;
   const session::MakeTerrain makeTerrain_;
   const SendAway sendAway_;

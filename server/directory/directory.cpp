@@ -6,19 +6,21 @@
 #include "common/wire/wire.h"
 #include "server/logging/logging.h"
 
-namespace ridgecast::session {
+namespace ridgecast::directory {
 
-Directory::Directory(std::shared_ptr<const Resources> resources, std::shared_ptr<const terrain::Terrain> defaultTerrain,
+Directory::Directory(std::shared_ptr<const session::Resources> resources, std::shared_ptr<const terrain::Terrain> defaultTerrain,
                      std::vector<std::pair<std::string, double>> defaultParameters)
     : resources_(std::move(resources)),
-      quota_(std::make_shared<CameraQuota>(resources_->limits.maxCameras, resources_->limits.maxTotalTriangles)),
+      quota_(std::make_shared<session::CameraQuota>(resources_->limits.maxCameras, resources_->limits.maxTotalTriangles)),
       reservations_(resources_->state),
       default_{std::move(defaultTerrain), std::move(defaultParameters)} {
   expects(resources_->executor && default_.terrain, "a server has threads, and a terrain to begin with");
   if (auto added = addDefault(); !added && !reservations_.isElsewhere(std::string(kDefaultName))) added.value();
 }
 
-Outcome<std::shared_ptr<Session>> Directory::addDefault() { return add(std::string(kDefaultName), default_.terrain, default_.parameters); }
+Outcome<std::shared_ptr<session::Session>> Directory::addDefault() {
+  return add(std::string(kDefaultName), default_.terrain, default_.parameters);
+}
 
 void Directory::awaitDefault() {
   if (find(kDefaultName)) return;
@@ -42,7 +44,7 @@ void Directory::awaitDefault() {
   });
 }
 
-std::shared_ptr<Session> Directory::find(std::string_view name) const {
+std::shared_ptr<session::Session> Directory::find(std::string_view name) const {
   const std::lock_guard lock(mutex_);
   const auto it = sessions_.find(name);
   return it == sessions_.end() ? nullptr : it->second.session;
@@ -54,9 +56,9 @@ Outcome<std::unique_ptr<Reservation>> Directory::reserve(const std::string& name
   return reservation;
 }
 
-Outcome<std::shared_ptr<Session>> Directory::add(const std::string& name, std::shared_ptr<const terrain::Terrain> terrain,
-                                                 std::vector<std::pair<std::string, double>> parameters, std::string maker,
-                                                 wire::ClockMode clock) {
+Outcome<std::shared_ptr<session::Session>> Directory::add(const std::string& name, std::shared_ptr<const terrain::Terrain> terrain,
+                                                          std::vector<std::pair<std::string, double>> parameters, std::string maker,
+                                                          wire::ClockMode clock) {
   if (!wire::sessionNameIsValid(name))
     return Error{"A session's name has 1 to " + std::to_string(wire::kMaxSessionBytes) + " letters, digits, dots, underscores or hyphens."};
   auto reservation = reserve(name);
@@ -65,16 +67,17 @@ Outcome<std::shared_ptr<Session>> Directory::add(const std::string& name, std::s
   return add(std::move(*reservation), std::move(terrain), std::move(parameters), std::move(maker), clock);
 }
 
-Outcome<std::shared_ptr<Session>> Directory::add(std::unique_ptr<Reservation> reservation, std::shared_ptr<const terrain::Terrain> terrain,
-                                                 std::vector<std::pair<std::string, double>> parameters, std::string maker,
-                                                 wire::ClockMode clock) {
+Outcome<std::shared_ptr<session::Session>> Directory::add(std::unique_ptr<Reservation> reservation,
+                                                          std::shared_ptr<const terrain::Terrain> terrain,
+                                                          std::vector<std::pair<std::string, double>> parameters, std::string maker,
+                                                          wire::ClockMode clock) {
   const std::string& name = reservation->name();
   expects(terrain != nullptr, "a session has a terrain");
   std::sort(parameters.begin(), parameters.end());
-  WorldSpec spec{std::string(terrain->name()), terrain->seed(), std::move(parameters), clock};
+  session::WorldSpec spec{std::string(terrain->name()), terrain->seed(), std::move(parameters), clock};
   auto kept = reservation->keep({spec.terrain, spec.seed, spec.parameters, terrain::contentHash(*terrain)}, terrain);
   if (!kept) return kept.error();
-  auto session = std::make_shared<Session>(name, std::move(terrain), std::move(spec), resources_, quota_, std::move(*kept));
+  auto session = std::make_shared<session::Session>(name, std::move(terrain), std::move(spec), resources_, quota_, std::move(*kept));
   const std::lock_guard lock(mutex_);
   if (auto full = fullFor(maker)) return Error{std::move(full->sentence)};
   const bool isNew = sessions_.emplace(name, Kept{session, std::move(maker), 0, {}}).second;
@@ -83,10 +86,10 @@ Outcome<std::shared_ptr<Session>> Directory::add(std::unique_ptr<Reservation> re
   return session;
 }
 
-bool Directory::replace(const std::shared_ptr<Session>& session, std::shared_ptr<const terrain::Terrain> terrain,
-                        const std::function<void(const Session& successor)>& prepare) {
+bool Directory::replace(const std::shared_ptr<session::Session>& session, std::shared_ptr<const terrain::Terrain> terrain,
+                        const std::function<void(const session::Session& successor)>& prepare) {
   expects(session && terrain, "a successor has a predecessor and a terrain");
-  auto successor = std::make_shared<Session>(session->name(), std::move(terrain), session->spec(), resources_, quota_);
+  auto successor = std::make_shared<session::Session>(session->name(), std::move(terrain), session->spec(), resources_, quota_);
   if (prepare) prepare(*successor);
   const std::lock_guard lock(mutex_);
   const auto it = sessions_.find(session->name());
@@ -97,19 +100,19 @@ bool Directory::replace(const std::shared_ptr<Session>& session, std::shared_ptr
   return true;
 }
 
-std::shared_ptr<Session> Directory::remove(std::string_view name) {
+std::shared_ptr<session::Session> Directory::remove(std::string_view name) {
   const std::lock_guard lock(mutex_);
   const auto it = sessions_.find(name);
   if (it == sessions_.end() || name == kDefaultName) return nullptr;
-  std::shared_ptr<Session> session = std::move(it->second.session);
+  std::shared_ptr<session::Session> session = std::move(it->second.session);
   sessions_.erase(it);
   session->retire();
   return session;
 }
 
-std::vector<std::shared_ptr<Session>> Directory::all() const {
+std::vector<std::shared_ptr<session::Session>> Directory::all() const {
   const std::lock_guard lock(mutex_);
-  std::vector<std::shared_ptr<Session>> out;
+  std::vector<std::shared_ptr<session::Session>> out;
   for (const auto& [name, kept] : sessions_) out.push_back(kept.session);
   return out;
 }
@@ -120,7 +123,7 @@ std::optional<Directory::Full> Directory::full(std::string_view maker) const {
 }
 
 std::optional<Directory::Full> Directory::fullFor(std::string_view maker) const {
-  const Limits& limits = resources_->limits;
+  const session::Limits& limits = resources_->limits;
   const auto made = std::ranges::count_if(sessions_, [&](const auto& entry) { return entry.second.maker == maker; });
   if (!maker.empty() && limits.maxSessionsPerClient != 0 && made >= limits.maxSessionsPerClient)
     return Full{true, "The " + std::string(maker) + " has made " + std::to_string(made) +
@@ -141,7 +144,7 @@ void Directory::sweepSoon() {
 }
 
 void Directory::sweep() {
-  std::vector<std::shared_ptr<Session>> ended;  // destroyed outside the lock
+  std::vector<std::shared_ptr<session::Session>> ended;  // destroyed outside the lock
   const std::lock_guard lock(mutex_);
   sweepSet_ = false;
   const auto now = resources_->timer->now();
@@ -164,4 +167,4 @@ void Directory::sweep() {
   sweepSoon();
 }
 
-}  // namespace ridgecast::session
+}  // namespace ridgecast::directory

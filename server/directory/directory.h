@@ -27,7 +27,7 @@
 #include "server/scheduling/pool.h"
 #include "server/session/session.h"
 
-namespace ridgecast::session {
+namespace ridgecast::directory {
 
 inline constexpr std::string_view kDefaultName = "default";
 inline constexpr std::chrono::milliseconds kUnenteredIdle{5'000};  // of a client's session that nobody has used; at most sessionIdle
@@ -37,10 +37,10 @@ class Directory : public std::enable_shared_from_this<Directory> {
  public:
   // Throws std::runtime_error with one sentence when Resources::state cannot be written, or the default session's edits cannot be read.
   // There is no default session while another server has it.
-  Directory(std::shared_ptr<const Resources> resources, std::shared_ptr<const terrain::Terrain> defaultTerrain,
+  Directory(std::shared_ptr<const session::Resources> resources, std::shared_ptr<const terrain::Terrain> defaultTerrain,
             std::vector<std::pair<std::string, double>> defaultParameters = {});
 
-  std::shared_ptr<Session> find(std::string_view name) const;  // none: nullptr
+  std::shared_ptr<session::Session> find(std::string_view name) const;  // none: nullptr
   // Whether edits are kept of a session of this name.
   bool keeps(const std::string& name) const { return reservations_.hasLog(name); }
   // The right to add the session of a valid name. Null: it lives, is being added, or has ended and is closing its log: find() it, or ask
@@ -48,21 +48,21 @@ class Directory : public std::enable_shared_from_this<Directory> {
   Outcome<std::unique_ptr<Reservation>> reserve(const std::string& name) const;
   // Adds the session with the edits kept of it, which may take seconds. `maker`: the client, as http::Request::client; empty: the operator,
   // who has no share. Error: full(), or the edits that are kept are of another world.
-  Outcome<std::shared_ptr<Session>> add(std::unique_ptr<Reservation> reservation, std::shared_ptr<const terrain::Terrain> terrain,
-                                        std::vector<std::pair<std::string, double>> parameters = {}, std::string maker = {},
-                                        wire::ClockMode clock = wire::ClockMode::kRealTime);
+  Outcome<std::shared_ptr<session::Session>> add(std::unique_ptr<Reservation> reservation, std::shared_ptr<const terrain::Terrain> terrain,
+                                                 std::vector<std::pair<std::string, double>> parameters = {}, std::string maker = {},
+                                                 wire::ClockMode clock = wire::ClockMode::kRealTime);
   // Likewise. Error: also if the name is taken or invalid.
-  Outcome<std::shared_ptr<Session>> add(const std::string& name, std::shared_ptr<const terrain::Terrain> terrain,
-                                        std::vector<std::pair<std::string, double>> parameters = {}, std::string maker = {},
-                                        wire::ClockMode clock = wire::ClockMode::kRealTime);
+  Outcome<std::shared_ptr<session::Session>> add(const std::string& name, std::shared_ptr<const terrain::Terrain> terrain,
+                                                 std::vector<std::pair<std::string, double>> parameters = {}, std::string maker = {},
+                                                 wire::ClockMode clock = wire::ClockMode::kRealTime);
   // A session of the same name, maker and spec with another ground takes the place of this one, which is retired: its members
   // stay until they leave. `prepare` is called with the successor before anybody can find it. Returns false if it has ended already.
-  bool replace(const std::shared_ptr<Session>& session, std::shared_ptr<const terrain::Terrain> terrain,
-               const std::function<void(const Session& successor)>& prepare = {});
+  bool replace(const std::shared_ptr<session::Session>& session, std::shared_ptr<const terrain::Terrain> terrain,
+               const std::function<void(const session::Session& successor)>& prepare = {});
   // Ends a session for the operator: its name is free, and a client that enters it now must connect again. The caller sends its members
   // away. Null: there is none, or it is the default one.
-  std::shared_ptr<Session> remove(std::string_view name);
-  std::vector<std::shared_ptr<Session>> all() const;  // by name
+  std::shared_ptr<session::Session> remove(std::string_view name);
+  std::vector<std::shared_ptr<session::Session>> all() const;  // by name
   // Why this maker cannot add another session now: the server is at its limit, or the maker at its share.
   struct Full {
     bool isOwn;  // the share
@@ -75,17 +75,17 @@ class Directory : public std::enable_shared_from_this<Directory> {
   // If another server has the default session, takes it as soon as that server releases it. Call once, before anybody asks for it.
   void awaitDefault();
 
-  const Resources& resources() const { return *resources_; }
+  const session::Resources& resources() const { return *resources_; }
   std::uint32_t cameras() const { return quota_->cameras(); }
   std::uint64_t triangles() const { return quota_->triangles(); }  // set aside for the cameras
   std::uint64_t nextCameraId() { return ++lastCameraId_; }
   void startCameraIdsAfter(std::uint64_t last) { expects(lastCameraId_.exchange(last) == 0, "numbers begin before anybody has one"); }
 
  private:
-  std::shared_ptr<const Resources> resources_;
-  const std::shared_ptr<CameraQuota> quota_;
+  std::shared_ptr<const session::Resources> resources_;
+  const std::shared_ptr<session::CameraQuota> quota_;
   const Reservations reservations_;
-  Outcome<std::shared_ptr<Session>> addDefault();
+  Outcome<std::shared_ptr<session::Session>> addDefault();
   const struct {
     std::shared_ptr<const terrain::Terrain> terrain;
     std::vector<std::pair<std::string, double>> parameters;
@@ -93,7 +93,7 @@ class Directory : public std::enable_shared_from_this<Directory> {
   std::shared_ptr<scheduling::Pool> awaiting_;  // the default session
   std::atomic<std::uint64_t> lastCameraId_{0};
   struct Kept {
-    std::shared_ptr<Session> session;
+    std::shared_ptr<session::Session> session;
     std::string maker;
     // It had no members at `idleSince`, and nobody has used it since.
     std::uint64_t uses = 0;
@@ -108,4 +108,4 @@ class Directory : public std::enable_shared_from_this<Directory> {
   bool sweepSet_ = false;
 };
 
-}  // namespace ridgecast::session
+}  // namespace ridgecast::directory

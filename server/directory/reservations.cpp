@@ -9,7 +9,7 @@
 #include "server/edit_log/clients.h"
 #include "server/logging/logging.h"
 
-namespace ridgecast::session {
+namespace ridgecast::directory {
 
 namespace {
 
@@ -67,9 +67,9 @@ Outcome<std::unique_ptr<Reservation>> Reservations::take(const std::string& name
   return reservation;
 }
 
-Outcome<Edits::Kept> Reservation::keep(const edit_log::World& world, const std::shared_ptr<const terrain::Terrain>& terrain) {
+Outcome<session::Edits::Kept> Reservation::keep(const edit_log::World& world, const std::shared_ptr<const terrain::Terrain>& terrain) {
   expects(held_ && terrain, "a name is held until its session has it");
-  Edits::Kept kept;
+  session::Edits::Kept kept;
   if (!held_->lock) return kept;  // its name is free as soon as it lives
   kept.held = held_;
   kept.folder = folderOf(held_->lock->log());
@@ -88,4 +88,4 @@ Outcome<Edits::Kept> Reservation::keep(const edit_log::World& world, const std::
   return kept;
 }
 
-}  // namespace ridgecast::session
+}  // namespace ridgecast::directory

@@ -16,7 +16,7 @@
 #include "server/edit_log/log.h"
 #include "server/session/edits.h"
 
-namespace ridgecast::session {
+namespace ridgecast::directory {
 
 inline constexpr std::size_t kMaxKept = 4096;  // logs in Resources::state, of which one client may begin half
 
@@ -27,7 +27,7 @@ class Reservation {
   const edit_log::World* kept() const { return log_ ? &log_->world() : nullptr; }
   // For a session on this terrain: its edits, which may take seconds, or how to begin a log. Error: one sentence; its edits are of another
   // world.
-  Outcome<Edits::Kept> keep(const edit_log::World& world, const std::shared_ptr<const terrain::Terrain>& terrain);
+  Outcome<session::Edits::Kept> keep(const edit_log::World& world, const std::shared_ptr<const terrain::Terrain>& terrain);
 
  private:
   friend class Reservations;
@@ -64,4 +64,4 @@ class Reservations {
   const std::shared_ptr<Names> names_ = std::make_shared<Names>();
 };
 
-}  // namespace ridgecast::session
+}  // namespace ridgecast::directory

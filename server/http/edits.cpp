@@ -150,7 +150,7 @@ Reply post(const Request& request, std::shared_ptr<session::Session> session) {
                      }};
 }
 
-std::optional<Reply> respond(const Request& request, const session::Directory& directory) {
+std::optional<Reply> respond(const Request& request, const directory::Directory& directory) {
   std::string_view path = request.path();
   constexpr std::string_view kPrefix = "/v1/sessions/", kEdits = "edits";
   if (!path.starts_with(kPrefix)) return std::nullopt;
@@ -174,7 +174,7 @@ std::optional<Reply> respond(const Request& request, const session::Directory& d
 
 }  // namespace
 
-Route editsRoute(std::shared_ptr<session::Directory> directory) {
+Route editsRoute(std::shared_ptr<directory::Directory> directory) {
   return [directory = std::move(directory)](const Request& request) { return respond(request, *directory); };
 }
 

@@ -20,6 +20,6 @@ inline constexpr std::size_t kMaxListed = 1000, kUsuallyListed = 256;
 inline constexpr std::size_t kMaxListedBytes = std::size_t{256} << 10;
 inline constexpr std::size_t kMaxEditBytes = std::size_t{2} << 20;  // of a POST: a stamp of 256 x 256 samples
 
-Route editsRoute(std::shared_ptr<session::Directory> directory);
+Route editsRoute(std::shared_ptr<directory::Directory> directory);
 
 }  // namespace ridgecast::http

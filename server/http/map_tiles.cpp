@@ -137,7 +137,7 @@ Answer listOf(const std::string& name, bool colours, const Placing& asked, const
   return opened(json(body + "\n}\n"));
 }
 
-std::optional<Reply> answerTile(const Request& request, const session::Directory& directory) {
+std::optional<Reply> answerTile(const Request& request, const directory::Directory& directory) {
   const auto wanted = readPath(request.path());
   if (!wanted) return std::nullopt;
   if (request.method == "OPTIONS") return preflight();
@@ -181,7 +181,7 @@ std::optional<Reply> answerTile(const Request& request, const session::Directory
 
 }  // namespace
 
-Route mapTileRoute(std::shared_ptr<session::Directory> directory) {
+Route mapTileRoute(std::shared_ptr<directory::Directory> directory) {
   return [directory = std::move(directory)](const Request& request) { return answerTile(request, *directory); };
 }
 

@@ -15,6 +15,6 @@
 
 namespace ridgecast::http {
 
-Route mapTileRoute(std::shared_ptr<session::Directory> directory);
+Route mapTileRoute(std::shared_ptr<directory::Directory> directory);
 
 }  // namespace ridgecast::http

@@ -190,7 +190,7 @@ Outcome<Enter> inUrl(const QueryForm& form, std::string_view query, const std::s
   });
 }
 
-std::optional<Reply> answerQuery(const Request& request, session::Directory& directory) {
+std::optional<Reply> answerQuery(const Request& request, directory::Directory& directory) {
   const QueryForm* form = queryFormOf(request.path());
   if (!form) return std::nullopt;
   const bool posts = request.method == "POST";
@@ -211,7 +211,7 @@ std::optional<Reply> answerQuery(const Request& request, session::Directory& dir
 
 }  // namespace
 
-Route queryRoute(std::shared_ptr<session::Directory> directory) {
+Route queryRoute(std::shared_ptr<directory::Directory> directory) {
   return [directory = std::move(directory)](const Request& request) { return answerQuery(request, *directory); };
 }
 

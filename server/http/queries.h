@@ -30,6 +30,6 @@ inline constexpr std::size_t kMaxHttpPlaces = 1000, kMaxHttpRays = 64;
 // The rays' heights are then at most about as many as the budget has in a second.
 inline constexpr std::size_t kMaxPostedPlaces = 100'000, kMaxPostedRays = 1000;
 
-Route queryRoute(std::shared_ptr<session::Directory> directory);
+Route queryRoute(std::shared_ptr<directory::Directory> directory);
 
 }  // namespace ridgecast::http

@@ -125,7 +125,7 @@ std::variant<access::Grant, Answer> RequestFilter::judge(const Request& request)
     if (const auto session = sessionOf(path)) return grant->reaches(*session);
     const auto session = queryParameter(request.query(), "session");
     if (!session) return grant->session.empty();
-    return grant->reaches(session->empty() ? session::kDefaultName : std::string_view(*session));
+    return grant->reaches(session->empty() ? directory::kDefaultName : std::string_view(*session));
   };
   if (!reaches()) return forbidden("The token is for another session.");
   return std::move(*grant);

@@ -64,9 +64,9 @@ dt { opacity: .65; } dd { margin: 0; }
 <p class="lead">Endless terrain, triangulated for each camera and streamed.</p>
 )";
 
-std::string page(const Request& request, const session::Directory& directory, std::string_view version, bool hasViewer) {
+std::string page(const Request& request, const directory::Directory& directory, std::string_view version, bool hasViewer) {
   const std::string host = hostIsHarmless(request.host) ? std::string(request.host) : "HOST:PORT";
-  const auto session = directory.find(session::kDefaultName);
+  const auto session = directory.find(directory::kDefaultName);
   std::string out(kPageHead);
   out += hasViewer ? "<p>Fly over it <a href=\"/\">in this browser</a> or from a terminal:</p>\n"
                    : "<p>The viewer for browsers is not here: it is built with npm (<code>./run build</code> does that) and lies beside "
@@ -90,10 +90,10 @@ std::string page(const Request& request, const session::Directory& directory, st
 
 }  // namespace
 
-Answer noSession(std::string_view name, const session::Directory& directory) {
+Answer noSession(std::string_view name, const directory::Directory& directory) {
   const std::string valid = wire::sessionNameIsValid(std::string(name)) ? std::string(name) : "";
   const std::string which = valid.empty() ? "of that name" : "named '" + valid + "'";
-  if (valid == session::kDefaultName || (!valid.empty() && directory.isElsewhere(valid)))
+  if (valid == directory::kDefaultName || (!valid.empty() && directory.isElsewhere(valid)))
     return refused(503, metrics::Refusal::kSession, "Another server has the session '" + valid + "'; ask again in a moment.",
                    {{"Retry-After", "1"}});
   return refused(404, metrics::Refusal::kSession,
@@ -165,7 +165,7 @@ bool namesEtag(std::string_view ifNoneMatch, std::string_view etag) {
   return false;
 }
 
-Reply answer(const Request& request, session::Directory& directory, std::string_view version, const std::vector<Route>& routes) {
+Reply answer(const Request& request, directory::Directory& directory, std::string_view version, const std::vector<Route>& routes) {
   for (const Route& route : routes)
     if (auto reply = route(request)) return std::move(*reply);
   const std::string_view path = request.path();

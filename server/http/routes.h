@@ -112,7 +112,7 @@ Answer plain(unsigned status, std::string sentence, Headers headers = {});
 // The same for a refusal, counted in the metrics under `why`.
 Answer refused(unsigned status, metrics::Refusal why, std::string sentence, Headers headers = {});
 // For a session that the directory does not find: 404, or 503 while another server has it, which is always so for the default one.
-Answer noSession(std::string_view name, const session::Directory& directory);
+Answer noSession(std::string_view name, const directory::Directory& directory);
 Answer json(std::string body);  // a 200
 // Of a method that a path does not have.
 Answer wrongMethod(const std::string& allowed = "GET, HEAD");
@@ -121,7 +121,7 @@ Answer wrongMethod(const std::string& allowed = "GET, HEAD");
 using Route = std::function<std::optional<Reply>(const Request& request)>;
 
 // `routes` are tried first, in order.
-Reply answer(const Request& request, session::Directory& directory, std::string_view version, const std::vector<Route>& routes = {});
+Reply answer(const Request& request, directory::Directory& directory, std::string_view version, const std::vector<Route>& routes = {});
 
 // A refusal, if the session has not made the edit that the answer must include (Request::edit).
 std::optional<Answer> lacksEdit(std::string_view edit, const session::Session& session);

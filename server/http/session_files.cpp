@@ -72,7 +72,7 @@ Reply fileOf(const Maker& maker, std::shared_ptr<session::Session> session, sess
 }
 
 Route sessionFileRoute(
-    std::shared_ptr<session::Directory> directory, bool (*isThere)(std::string_view file),
+    std::shared_ptr<directory::Directory> directory, bool (*isThere)(std::string_view file),
     std::function<Reply(const Request& request, std::shared_ptr<session::Session> session, std::string_view file)> answer) {
   return [directory = std::move(directory), isThere, answer = std::move(answer)](const Request& request) -> std::optional<Reply> {
     std::string_view path = request.path();

@@ -18,7 +18,7 @@ namespace ridgecast::http {
 // Answers GET and HEAD for the session files that `isThere` accepts, and refuses other methods and unknown sessions. Counts as use of the
 // session. `isThere` gets what follows the session's name and a slash.
 Route sessionFileRoute(
-    std::shared_ptr<session::Directory> directory, bool (*isThere)(std::string_view file),
+    std::shared_ptr<directory::Directory> directory, bool (*isThere)(std::string_view file),
     std::function<Reply(const Request& request, std::shared_ptr<session::Session> session, std::string_view file)> answer);
 
 // Makes files, or has made them.

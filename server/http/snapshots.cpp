@@ -17,7 +17,7 @@ bool isThere(std::string_view file) {
 
 }  // namespace
 
-Route snapshotRoute(std::shared_ptr<session::Directory> directory, Maker maker) {
+Route snapshotRoute(std::shared_ptr<directory::Directory> directory, Maker maker) {
   return sessionFileRoute(
       std::move(directory), isThere,
       [maker = std::move(maker)](const Request& request, std::shared_ptr<session::Session> session, std::string_view file) -> Reply {

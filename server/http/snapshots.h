@@ -18,6 +18,6 @@
 
 namespace ridgecast::http {
 
-Route snapshotRoute(std::shared_ptr<session::Directory> directory, Maker maker);
+Route snapshotRoute(std::shared_ptr<directory::Directory> directory, Maker maker);
 
 }  // namespace ridgecast::http

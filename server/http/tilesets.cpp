@@ -143,7 +143,7 @@ Reply respond(const Maker& maker, const Request& request, std::shared_ptr<sessio
 
 }  // namespace
 
-Route tilesetRoute(std::shared_ptr<session::Directory> directory, Maker maker) {
+Route tilesetRoute(std::shared_ptr<directory::Directory> directory, Maker maker) {
   return sessionFileRoute(std::move(directory), isThere,
                           [maker = std::move(maker)](const Request& request, std::shared_ptr<session::Session> session,
                                                      std::string_view file) { return respond(maker, request, std::move(session), file); });

@@ -21,6 +21,6 @@
 
 namespace ridgecast::http {
 
-Route tilesetRoute(std::shared_ptr<session::Directory> directory, Maker maker);
+Route tilesetRoute(std::shared_ptr<directory::Directory> directory, Maker maker);
 
 }  // namespace ridgecast::http

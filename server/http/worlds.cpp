@@ -100,12 +100,14 @@ Reply join(std::shared_ptr<session::Session> session, const Wish& wish, const En
   return refused(409, metrics::Refusal::kSession, otherWorld(session->name(), spec));
 }
 
-Answer refusedFor(const session::Directory::Full& full) { return refused(full.isOwn ? 429 : 503, metrics::Refusal::kFull, full.sentence); }
+Answer refusedFor(const directory::Directory::Full& full) {
+  return refused(full.isOwn ? 429 : 503, metrics::Refusal::kFull, full.sentence);
+}
 
 constexpr std::chrono::milliseconds kNameTaken{10};  // before a name is asked for again
 
 // A turn: not made yet, as long as somebody else has the name. The answer to a client that has left is not read: then nothing is made.
-Reply make(const std::string& name, Wish wish, const std::string& client, session::Directory& directory, const Enter& enter, bool makes,
+Reply make(const std::string& name, Wish wish, const std::string& client, directory::Directory& directory, const Enter& enter, bool makes,
            const std::stop_token& stop) {
   auto reserved = directory.reserve(name);
   if (!reserved) return refused(503, metrics::Refusal::kSession, reserved.error().message, {{"Retry-After", "1"}});
@@ -132,10 +134,10 @@ Reply make(const std::string& name, Wish wish, const std::string& client, sessio
 
 }  // namespace
 
-Reply inSession(const Request& request, session::Directory& directory, const Enter& enter, bool makes) {
+Reply inSession(const Request& request, directory::Directory& directory, const Enter& enter, bool makes) {
   const auto name = queryParameter(request.query(), "session");
   if (!name) return refused(400, metrics::Refusal::kSession, name.error().message);
-  const std::string wanted = name->empty() ? std::string(session::kDefaultName) : *name;
+  const std::string wanted = name->empty() ? std::string(directory::kDefaultName) : *name;
   if (!wire::sessionNameIsValid(wanted))
     return refused(
         400, metrics::Refusal::kSession,
@@ -144,7 +146,7 @@ Reply inSession(const Request& request, session::Directory& directory, const Ent
   if (!wish) return refused(400, metrics::Refusal::kSession, wish.error().message);
   if (auto session = directory.find(wanted)) return join(std::move(session), *wish, enter);
   const bool isKept = directory.keeps(wanted);
-  if (wanted == session::kDefaultName || (wish->terrain.empty() && !isKept)) return noSession(wanted, directory);
+  if (wanted == directory::kDefaultName || (wish->terrain.empty() && !isKept)) return noSession(wanted, directory);
   if (!request.rights.has(access::Right::kCreate))
     return refused(403, metrics::Refusal::kRight, "There is no session named '" + wanted + "', and the token lacks the right 'create'.");
   if (!directory.resources().makeTerrain)
@@ -167,7 +169,7 @@ Outcome<earth::Coordinates> coordinatesOf(const session::Session& session, std::
   return earth::Coordinates::of(session.resources().limits.sendsTerrain ? terrain->raster() : nullptr, crs);
 }
 
-Reply streamAnswer(const Request& request, session::Directory& directory) {
+Reply streamAnswer(const Request& request, directory::Directory& directory) {
   const bool upgrading = upgrades(request);
   const auto enter = [upgrading](std::shared_ptr<session::Session> session) -> Reply {
     if (upgrading) return Upgrade{std::move(session)};
@@ -200,7 +202,7 @@ Json heightMap(const terrain::Raster& map) {
 
 }  // namespace
 
-Answer sessionsAnswer(const session::Directory& directory) {
+Answer sessionsAnswer(const directory::Directory& directory) {
   Json sessions = Json::array();
   for (const auto& session : directory.all()) {
     const session::Presence::State state = session->presence().state();

@@ -19,7 +19,7 @@ using Enter = std::function<Reply(std::shared_ptr<session::Session>)>;
 // Enters the session that the URL names, makes it as the URL says, or refuses. A world that takes long to make is made by work
 // (DeferredResponse), whose answer is then that of `enter`. `directory` must outlive that work. `makes` false: the same checks, but no session
 // is made, and `enter` gets null instead of a new one.
-Reply inSession(const Request& request, session::Directory& directory, const Enter& enter, bool makes = true);
+Reply inSession(const Request& request, directory::Directory& directory, const Enter& enter, bool makes = true);
 
 // Places on a session's map in people's coordinates; a private one does not say where it lies. PROJ is slow: call from work. Error:
 // Coordinates::of.
@@ -27,10 +27,10 @@ Outcome<earth::Coordinates> coordinatesOf(const session::Session& session, std::
 
 // The answer to the upgrade request: 101 with the session, or a refusal, as inSession(). A request without an upgrade, which tells a page
 // why its WebSocket could not be opened, gets the same refusal, or 426 in place of 101, and no session is made.
-Reply streamAnswer(const Request& request, session::Directory& directory);
+Reply streamAnswer(const Request& request, directory::Directory& directory);
 
 // {"sessions": [...], "max_sessions": N}
-Answer sessionsAnswer(const session::Directory& directory);
+Answer sessionsAnswer(const directory::Directory& directory);
 
 // GET /v1/terrains: {"terrains": [{"name", "summary", "parameters": [{"name", "default", "least", "most", "unit", "summary"}]}]}.
 // The built-in terrains and the readable files of `folder`, read on each request by work. No folder: sessions cannot be created here, the

@@ -3,7 +3,7 @@
 #include <chrono>
 #include <optional>
 
-namespace ridgecast::session {
+namespace ridgecast::member {
 
 void CameraFigures::arrived(std::uint64_t pose) {
   const std::lock_guard lock(mutex_);
@@ -22,7 +22,7 @@ void CameraFigures::holds(std::uint32_t triangles, bool withheld) {
 std::shared_ptr<const void> CameraFigures::sent(std::uint64_t pose, bool late) {
   all_->iterationsSent.Increment();
   if (late) all_->iterationsLate.Increment();
-  std::optional<Timer::Time> arrival;
+  std::optional<session::Timer::Time> arrival;
   const std::lock_guard lock(mutex_);
   for (; !arrivals_.empty() && arrivals_.front().first <= pose; arrivals_.pop_front()) arrival = arrivals_.front().second;
   if (!arrival) return nullptr;  // a further iteration for a pose
@@ -31,4 +31,4 @@ std::shared_ptr<const void> CameraFigures::sent(std::uint64_t pose, bool late) {
           }};
 }
 
-}  // namespace ridgecast::session
+}  // namespace ridgecast::member

@@ -10,11 +10,11 @@
 #include "server/metrics/metrics.h"
 #include "server/session/timer.h"
 
-namespace ridgecast::session {
+namespace ridgecast::member {
 
 class CameraFigures {
  public:
-  CameraFigures(std::shared_ptr<metrics::Metrics> all, const Timer& timer) : all_(std::move(all)), timer_(timer) {}
+  CameraFigures(std::shared_ptr<metrics::Metrics> all, const session::Timer& timer) : all_(std::move(all)), timer_(timer) {}
   CameraFigures(const CameraFigures&) = delete;
   CameraFigures& operator=(const CameraFigures&) = delete;
   ~CameraFigures() { holds(0, false); }
@@ -29,11 +29,12 @@ class CameraFigures {
   static constexpr std::size_t kMaxArrivals = 64;
 
   const std::shared_ptr<metrics::Metrics> all_;
-  const Timer& timer_;
+  const session::Timer& timer_;
   std::mutex mutex_;
   std::uint32_t triangles_ = 0;
   bool withheld_ = false;
-  std::deque<std::pair<std::uint64_t, Timer::Time>> arrivals_;  // of poses without an iteration yet; at most kMaxArrivals, the newest
+  std::deque<std::pair<std::uint64_t, session::Timer::Time>>
+      arrivals_;  // of poses without an iteration yet; at most kMaxArrivals, the newest
 };
 
-}  // namespace ridgecast::session
+}  // namespace ridgecast::member

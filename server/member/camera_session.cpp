@@ -18,7 +18,7 @@
 #include "server/recording/events.h"
 #include "server/replica/replica.h"
 
-namespace ridgecast::session {
+namespace ridgecast::member {
 
 namespace {
 
@@ -36,7 +36,7 @@ double millisecondsSince(std::chrono::steady_clock::time_point start) {
 
 // A closed camera leaves freed memory scattered in the allocator's arenas, which keep it until told. Returning it takes milliseconds: once
 // for all cameras that close within a second.
-void giveMemoryBackSoon(const Resources& resources) {
+void giveMemoryBackSoon(const session::Resources& resources) {
   if (resources.givesMemoryBack.exchange(true)) return;
   resources.timer->at(resources.timer->now() + std::chrono::seconds(1), [&resources] {  // the resources own the timer
     resources.givesMemoryBack = false;
@@ -44,18 +44,18 @@ void giveMemoryBackSoon(const Resources& resources) {
   });
 }
 
-wire::Settings grant(const wire::Settings& requested, const Limits& limits, bool hasColours, CameraQuota::Share& quota) {
+wire::Settings grant(const wire::Settings& requested, const session::Limits& limits, bool hasColours, session::CameraQuota::Share& quota) {
   wire::Settings out = pipeline::grant(requested, limits.mesh);
   if (!hasColours) out.colourError = 0;
   out.triangleBudget = quota.grant(out.triangleBudget);
   const std::uint64_t most = limits.maxBytesPerSecond;
   if (out.bytesPerSecond == 0 || (most != 0 && out.bytesPerSecond > most)) out.bytesPerSecond = most;
-  if (out.bytesPerSecond != 0) out.bytesPerSecond = std::max(out.bytesPerSecond, kMinBytesPerSecond);
+  if (out.bytesPerSecond != 0) out.bytesPerSecond = std::max(out.bytesPerSecond, session::kMinBytesPerSecond);
   return out;
 }
 
-conversation::Terms termsOf(const Session& session, const Membership& member) {
-  const Limits& limits = session.resources().limits;
+conversation::Terms termsOf(const session::Session& session, const session::Membership& member) {
+  const session::Limits& limits = session.resources().limits;
   const bool hasColours = static_cast<bool>(session.terrain()->colours());
   conversation::Terms terms{
       [limits, hasColours, quota = member.quota](const wire::Settings& requested) { return grant(requested, limits, hasColours, *quota); },
@@ -69,10 +69,10 @@ conversation::Terms termsOf(const Session& session, const Membership& member) {
   return terms;
 }
 
-wire::World worldOf(const Session& session, const wire::Settings& granted, std::uint64_t camera) {
+wire::World worldOf(const session::Session& session, const wire::Settings& granted, std::uint64_t camera) {
   const auto ground = session.ground();
   const terrain::Terrain& terrain = *ground.terrain;
-  const Resources& resources = session.resources();
+  const session::Resources& resources = session.resources();
   wire::World world;
   world.edit = ground.edit;
   world.compacted = session.edits().compacted();
@@ -94,7 +94,7 @@ wire::World worldOf(const Session& session, const wire::Settings& granted, std::
   return world;
 }
 
-void noteQuestion(const Session& session, std::uint64_t camera, std::size_t places, const wire::ClientMessage& question) {
+void noteQuestion(const session::Session& session, std::uint64_t camera, std::size_t places, const wire::ClientMessage& question) {
   recording::Asked asked{camera, static_cast<std::uint32_t>(places)};
   if (places <= 64) asked.message = wire::encode(question);
   if (asked.message.size() > recording::Asked::kMaxBytes) asked.message.clear();
@@ -103,7 +103,8 @@ void noteQuestion(const Session& session, std::uint64_t camera, std::size_t plac
 
 }  // namespace
 
-CameraSession::CameraSession(std::shared_ptr<Session> session, Membership membership, std::uint64_t id, std::shared_ptr<Sender> sender)
+CameraSession::CameraSession(std::shared_ptr<session::Session> session, session::Membership membership, std::uint64_t id,
+                             std::shared_ptr<session::Sender> sender)
     : session_(std::move(session)),
       membership_(std::move(membership)),
       id_(id),
@@ -130,22 +131,22 @@ void CameraSession::receive(wire::ClientMessage message) {
 
 CameraSession::Refusal CameraSession::attend(const wire::ClockStep& step) {
   switch (session_->presence().step(id_, step)) {
-    case Clock::Stepped::kBegins:
-    case Clock::Stepped::kQueues:
-    case Clock::Stepped::kNotYours:  // answered with the clock, which names its owner
+    case session::Clock::Stepped::kBegins:
+    case session::Clock::Stepped::kQueues:
+    case session::Clock::Stepped::kNotYours:  // answered with the clock, which names its owner
       return {};
-    case Clock::Stepped::kNotStepped:
+    case session::Clock::Stepped::kNotStepped:
       return ErrorMessage{ErrorCode::kInvalid, "A step came while the clock runs by itself; set it to stepped first."};
-    case Clock::Stepped::kTooMany:
+    case session::Clock::Stepped::kTooMany:
       break;
   }
-  return ErrorMessage{ErrorCode::kLimit, "More than " + std::to_string(Clock::kMaxQueuedSteps) +
+  return ErrorMessage{ErrorCode::kLimit, "More than " + std::to_string(session::Clock::kMaxQueuedSteps) +
                                              " steps wait for the members: send the next when the clock says that one has begun."};
 }
 
 CameraSession::Refusal CameraSession::attend(wire::Query& query) {
   if (session_->observer()) noteQuestion(*session_, id_, query.rays.size() + query.x.size(), query);
-  if (!queries_) queries_ = std::make_shared<Queries>(session_, sender_, membership_.budgets);
+  if (!queries_) queries_ = std::make_shared<questions::Queries>(session_, sender_, membership_.budgets);
   if (queries_->ask(std::move(query))) return {};
   return ErrorMessage{ErrorCode::kLimit, "More than " + std::to_string(wire::kMaxQueries) +
                                              " queries wait for their answers: send the next when one has arrived."};
@@ -154,9 +155,9 @@ CameraSession::Refusal CameraSession::attend(wire::Query& query) {
 CameraSession::Refusal CameraSession::attend(const wire::AskGround& ask) {
   if (session_->observer()) noteQuestion(*session_, id_, 1, ask);
   if (!grounds_)
-    grounds_ = std::make_shared<Grounds>([session = session_] { return session->ground(); }, conversation_.granted().triangleBudget,
-                                         session_->resources().queryQueues().grounds, sender_, Grounds::kTimeout,
-                                         session_->resources().limits.turn);
+    grounds_ = std::make_shared<questions::Grounds>([session = session_] { return session->ground(); },
+                                                    conversation_.granted().triangleBudget, session_->resources().queryQueues().grounds,
+                                                    sender_, questions::Grounds::kTimeout, session_->resources().limits.turn);
   if (grounds_->ask(ask)) return {};
   return ErrorMessage{ErrorCode::kLimit,
                       "More than " + std::to_string(wire::kMaxGrounds) + " grounds are open; request the next when one has arrived."};
@@ -169,7 +170,7 @@ CameraSession::Refusal CameraSession::attend(const wire::Edit& edit) {
                                                " edits wait for their answers: send the next when one has arrived."};
   ++*openEdits_;
   const auto answer = [sender = sender_, open = openEdits_, id = edit.id](const Outcome<std::uint64_t>& number) {
-    sender->send(number ? wire::EditAnswer{id, *number, {}} : wire::EditAnswer{id, 0, number.error().message}, ticketOf(open));
+    sender->send(number ? wire::EditAnswer{id, *number, {}} : wire::EditAnswer{id, 0, number.error().message}, session::ticketOf(open));
   };
   auto operation = edits::fromJson(edit.operation);
   if (!session_->resources().limits.takesEdits) {
@@ -195,12 +196,12 @@ void CameraSession::tellEdits() {
   if (!conversation_.runs() || !conversation_.hello().edits || news_.isOnItsWay) return;
   if (news_.told >= session_->ground().edit) return;
   news_.isOnItsWay = true;
-  session_->editPages().page(news_.told, [weak = weak_from_this()](const Outcome<EditPages::Page>& page) {
+  session_->editPages().page(news_.told, [weak = weak_from_this()](const Outcome<session::EditPages::Page>& page) {
     if (const auto self = weak.lock()) self->tell(page);
   });
 }
 
-void CameraSession::tell(const Outcome<EditPages::Page>& page) {
+void CameraSession::tell(const Outcome<session::EditPages::Page>& page) {
   const std::lock_guard lock(mutex_);
   if (!page) return refuse({ErrorCode::kInternal, page.error().message});
   if (!conversation_.runs()) return;
@@ -217,7 +218,7 @@ void CameraSession::tell(const Outcome<EditPages::Page>& page) {
 
 // The next page, when the last has left: one at most waits for a client that does not read.
 void CameraSession::tellSoon(std::chrono::milliseconds pause) {
-  const Timer& timer = *session_->resources().timer;
+  const session::Timer& timer = *session_->resources().timer;
   news_.alarm.set(timer, timer.now() + pause, weak_from_this(), mutex_, &CameraSession::tellNext);
 }
 
@@ -253,7 +254,7 @@ void CameraSession::refuse(ErrorMessage message) {
 bool CameraSession::wake() {
   if (scheduled_) return true;
   if (!conversation_.closed() && copies_.empty()) {
-    const Timer& timer = *session_->resources().timer;
+    const session::Timer& timer = *session_->resources().timer;
     auto due = conversation_.due(sender_->queuedBytes());
     // Answers and tiles may be what is queued, and nobody tells when they have left.
     if (!due && conversation_.due(0)) due = timer.now() + kQueueRetry;
@@ -266,7 +267,7 @@ bool CameraSession::wake() {
 
 void CameraSession::watchAcknowledgements() {
   if (!conversation_.runs() || conversation_.replica().hasRoom()) return;
-  const Timer::Time now = session_->resources().timer->now();
+  const session::Timer::Time now = session_->resources().timer->now();
   if (std::exchange(watched_.iteration, conversation_.replica().lastSent()) != conversation_.replica().lastSent()) watched_.since = now;
   if (now < watched_.since + kAcknowledgeTimeout)
     return watched_.alarm.set(*session_->resources().timer, watched_.since + kAcknowledgeTimeout, weak_from_this(), mutex_,
@@ -290,11 +291,11 @@ void CameraSession::run() {
     failed = true;
     task_ = {};  // first, so that the refusal finds memory
     const std::lock_guard lock(mutex_);
-    refuse(failureOf(e));
+    refuse(session::failureOf(e));
   }
   // Moved out under the lock, because another task may follow; destroyed after unlocking.
   Task freed;
-  std::vector<TakeCopy> disappointed;
+  std::vector<session::TakeCopy> disappointed;
   {
     const std::lock_guard lock(mutex_);
     scheduled_ = false;
@@ -306,7 +307,7 @@ void CameraSession::run() {
     disappointed.swap(copies_);
     figures_.holds(0, false);
   }
-  for (const TakeCopy& done : disappointed) done(nullptr);
+  for (const session::TakeCopy& done : disappointed) done(nullptr);
   if (!freed.mesh && !failed) return;
   session_->note(recording::Left{id_});
   giveMemoryBackSoon(session_->resources());
@@ -334,7 +335,7 @@ void CameraSession::work(const conversation::Greet&) {
   tellEdits();
 }
 
-bool CameraSession::copy(TakeCopy done) {
+bool CameraSession::copy(session::TakeCopy done) {
   expects(done != nullptr, "a copy goes to somebody");
   const std::lock_guard lock(mutex_);
   if (!conversation_.runs() || conversation_.replica().lastSent() == 0 || copies_.size() >= kMaxCopies) return false;
@@ -344,15 +345,15 @@ bool CameraSession::copy(TakeCopy done) {
 
 void CameraSession::workOnCopy() {
   expects(task_.mesh != nullptr, "what is copied is there");
-  const Timer& timer = *session_->resources().timer;
+  const session::Timer& timer = *session_->resources().timer;
   const auto end = timer.now() + session_->resources().limits.turn;
-  if (!task_.copy) task_.copy = std::make_shared<MeshCopy>();
+  if (!task_.copy) task_.copy = std::make_shared<session::MeshCopy>();
   const auto& leaves = task_.mesh->leaves();
   while (task_.copy->leaves.size() < leaves.size()) {
     if (timer.now() >= end) return;
     task_.copy->leaves.push_back(task_.mesh->extract(leaves[task_.copy->leaves.size()].address));
   }
-  std::vector<TakeCopy> copies;
+  std::vector<session::TakeCopy> copies;
   {
     const std::lock_guard lock(mutex_);
     task_.copy->iteration = conversation_.replica().lastSent();
@@ -363,8 +364,8 @@ void CameraSession::workOnCopy() {
   }
   task_.copy->effectiveThreshold = task_.effectiveThreshold;
   task_.copy->ground = task_.ground;
-  const std::shared_ptr<const MeshCopy> made = std::exchange(task_.copy, nullptr);
-  for (const TakeCopy& done : copies) done(made);
+  const std::shared_ptr<const session::MeshCopy> made = std::exchange(task_.copy, nullptr);
+  for (const session::TakeCopy& done : copies) done(made);
 }
 
 void CameraSession::work(const conversation::SendTiles& wanted) {
@@ -470,4 +471,4 @@ void CameraSession::work(const conversation::Iterate& order) {
   sender_->send(std::move(iteration), figures_.sent(pose, late));
 }
 
-}  // namespace ridgecast::session
+}  // namespace ridgecast::member

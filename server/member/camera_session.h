@@ -22,11 +22,12 @@
 #include "server/session/sender.h"
 #include "server/session/session.h"
 
-namespace ridgecast::session {
+namespace ridgecast::member {
 
-class CameraSession final : public LiveCamera, public std::enable_shared_from_this<CameraSession> {
+class CameraSession final : public session::LiveCamera, public std::enable_shared_from_this<CameraSession> {
  public:
-  CameraSession(std::shared_ptr<Session> session, Membership membership, std::uint64_t id, std::shared_ptr<Sender> sender);
+  CameraSession(std::shared_ptr<session::Session> session, session::Membership membership, std::uint64_t id,
+                std::shared_ptr<session::Sender> sender);
 
   void receive(wire::ClientMessage message);
   // The client is gone: sends nothing more; a task of the pool frees the mesh.
@@ -35,7 +36,7 @@ class CameraSession final : public LiveCamera, public std::enable_shared_from_th
   void groundChanged() override;
 
   // A few milliseconds at a time, so that other cameras get their turns; at most kMaxCopies requests wait.
-  bool copy(TakeCopy done) override;
+  bool copy(session::TakeCopy done) override;
   static constexpr std::size_t kMaxCopies = 16;
 
   // A client whose window has been full this long without an acknowledgement is sent away.
@@ -56,7 +57,7 @@ class CameraSession final : public LiveCamera, public std::enable_shared_from_th
     return {};
   }
   void tellEdits();  // under the lock: those that this client was not told of, if it wants them
-  void tell(const Outcome<EditPages::Page>& page);
+  void tell(const Outcome<session::EditPages::Page>& page);
   // Under the lock, as all until run().
   void tellSoon(std::chrono::milliseconds pause);
   void tellNext();
@@ -76,41 +77,41 @@ class CameraSession final : public LiveCamera, public std::enable_shared_from_th
   void workOnCopy();
   std::vector<lattice::Area> followGround();  // the mesh, if there were edits; returns where it changed
 
-  const std::shared_ptr<Session> session_;
-  const Membership membership_;
+  const std::shared_ptr<session::Session> session_;
+  const session::Membership membership_;
   const std::uint64_t id_;
-  const std::shared_ptr<Sender> sender_;
+  const std::shared_ptr<session::Sender> sender_;
   const std::shared_ptr<scheduling::Pool> pool_;
 
   mutable std::mutex mutex_;
   conversation::Conversation conversation_;
   bool scheduled_ = false;  // a task is queued or runs
-  Alarm workAlarm_;
+  session::Alarm workAlarm_;
   struct {
     std::uint64_t iteration = 0;  // the last one sent when the window was full
-    Timer::Time since{};
-    Alarm alarm;
+    session::Timer::Time since{};
+    session::Alarm alarm;
   } watched_;
   CameraFigures figures_;
-  std::vector<TakeCopy> copies_;      // requested
-  std::shared_ptr<Queries> queries_;  // once one was sent
-  std::shared_ptr<Grounds> grounds_;
+  std::vector<session::TakeCopy> copies_;        // requested
+  std::shared_ptr<questions::Queries> queries_;  // once one was sent
+  std::shared_ptr<questions::Grounds> grounds_;
   std::shared_ptr<std::atomic<std::size_t>> openEdits_ = std::make_shared<std::atomic<std::size_t>>(0);  // not yet answered and sent
   struct {
     std::uint64_t told = 0;          // edits that the client knows
     bool isOnItsWay = false;         // a page: until the next may follow it
     std::weak_ptr<const void> page;  // the last one, until it has left
-    Alarm alarm;
+    session::Alarm alarm;
   } news_;  // of edits
 
   // Of the running task alone.
   struct Task {
-    std::unique_ptr<IteratingMesh> mesh;
+    std::unique_ptr<session::IteratingMesh> mesh;
     std::unique_ptr<encoding::Encoder> encoder;
     double effectiveThreshold = 0;
-    Ground ground;                   // that the mesh knows
-    std::shared_ptr<MeshCopy> copy;  // being made
+    session::Ground ground;                   // that the mesh knows
+    std::shared_ptr<session::MeshCopy> copy;  // being made
   } task_;
 };
 
-}  // namespace ridgecast::session
+}  // namespace ridgecast::member

@@ -37,7 +37,7 @@ constexpr std::uint32_t kAdminsAtATime = 64;
 
 class ListeningServer final : public Server {
  public:
-  ListeningServer(const Settings& settings, std::shared_ptr<session::Directory> directory, std::vector<Route> routes)
+  ListeningServer(const Settings& settings, std::shared_ptr<directory::Directory> directory, std::vector<Route> routes)
       : shared_(std::make_shared<ServerContext>(settings, std::move(directory), std::move(routes))), listener_(io_), adminListener_(io_) {}
 
   ~ListeningServer() override { shutdown(); }
@@ -174,7 +174,7 @@ class ListeningServer final : public Server {
 
 }  // namespace
 
-Outcome<std::unique_ptr<Server>> Server::listen(const Settings& settings, std::shared_ptr<session::Directory> directory,
+Outcome<std::unique_ptr<Server>> Server::listen(const Settings& settings, std::shared_ptr<directory::Directory> directory,
                                                 std::vector<Route> routes) {
   auto server = std::make_unique<ListeningServer>(settings, std::move(directory), std::move(routes));
   if (auto error = server->open()) return std::move(*error);

@@ -74,7 +74,7 @@ class Server {
  public:
   // Listens and serves until destroyed. Errors, for people: the host is not an address of this machine or not loopback; the port is in use
   // or not permitted.
-  static Outcome<std::unique_ptr<Server>> listen(const Settings& settings, std::shared_ptr<session::Directory> directory,
+  static Outcome<std::unique_ptr<Server>> listen(const Settings& settings, std::shared_ptr<directory::Directory> directory,
                                                  std::vector<http::Route> routes = {});
   // Shuts down. Order: shutdown(), then destroy the executor, then this, so that no task still sends.
   virtual ~Server() = default;

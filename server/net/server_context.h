@@ -117,7 +117,7 @@ struct Connections {
 
 // Shared by all connections. Outlives them.
 struct ServerContext {
-  ServerContext(const Settings& s, std::shared_ptr<session::Directory> d, std::vector<Route> r)
+  ServerContext(const Settings& s, std::shared_ptr<directory::Directory> d, std::vector<Route> r)
       : settings(s),
         directory(std::move(d)),
         routes(std::move(r)),
@@ -135,7 +135,7 @@ struct ServerContext {
   }
 
   const Settings settings;
-  const std::shared_ptr<session::Directory> directory;
+  const std::shared_ptr<directory::Directory> directory;
   std::vector<Route> routes;  // constant once connections are accepted
   const std::shared_ptr<metrics::Metrics> figures;
   RequestFilter filter;

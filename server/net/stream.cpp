@@ -340,7 +340,7 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
   std::shared_ptr<session::Budgets> budgets_;
   beast::http::request<beast::http::empty_body> request_;
   Stage stage_ = Stage::kAccepting;
-  std::shared_ptr<session::CameraSession> camera_;
+  std::shared_ptr<member::CameraSession> camera_;
   beast::flat_buffer buffer_;
   bool greeted_ = false;
   std::deque<Outgoing> out_;  // at most kMaxQueuedMessages; the first is being written while writing_
@@ -388,8 +388,8 @@ void Stream::accepted(error_code ec) {
   auto place = session_->enter(slot_.client(grant_));
   if (!place) return fail(metrics::Refusal::kFull, {wire::ErrorCode::kLimit, place.error().message});
   budgets_ = place->budgets;
-  camera_ = std::make_shared<session::CameraSession>(session_, std::move(*place), shared_->directory->nextCameraId(),
-                                                     std::make_shared<StreamSender>(shared_from_this()));
+  camera_ = std::make_shared<member::CameraSession>(session_, std::move(*place), shared_->directory->nextCameraId(),
+                                                    std::make_shared<StreamSender>(shared_from_this()));
   cameraId_ = camera_->id();
   after(timer_, shared_->settings.timeout, [](Stream& self) {
     if (!self.greeted_)

@@ -29,7 +29,7 @@ constexpr std::size_t kMaxEdits = session::Edits::kMaxWaiting / 2;  // under way
 
 struct Playback::State {
   std::vector<std::filesystem::path> parts;
-  session::Directory* directory = nullptr;
+  directory::Directory* directory = nullptr;
   SendAway sendAway;
   std::shared_ptr<session::Session> session;
   std::shared_ptr<const terrain::Terrain> terrain;  // without edits
@@ -121,7 +121,7 @@ struct Playback::State {
 Playback::Playback(std::unique_ptr<State> state) : state_(std::move(state)) {}
 Playback::~Playback() = default;
 
-Outcome<std::unique_ptr<Playback>> Playback::begin(const std::vector<std::filesystem::path>& parts, session::Directory& directory,
+Outcome<std::unique_ptr<Playback>> Playback::begin(const std::vector<std::filesystem::path>& parts, directory::Directory& directory,
                                                    std::shared_ptr<session::Session> session, double from) {
   std::uint64_t last = 0;
   auto scanned = Reader::open(parts);

@@ -24,7 +24,7 @@ class Playback {
   // Before anybody can enter: reads the recording once, which may take seconds, and sets the clock. `session`: a new one of the recording's
   // world, in `directory`, where nobody else makes edits; onlookers get the numbers after those of the recording. Starts at `from`, in
   // seconds of the recording. The arguments must outlive this. Error: one sentence: the recording cannot be read.
-  static Outcome<std::unique_ptr<Playback>> begin(const std::vector<std::filesystem::path>& parts, session::Directory& directory,
+  static Outcome<std::unique_ptr<Playback>> begin(const std::vector<std::filesystem::path>& parts, directory::Directory& directory,
                                                   std::shared_ptr<session::Session> session, double from);
   ~Playback();
   void start(SendAway sendAway);  // plays from now on; once

@@ -13,7 +13,7 @@
 #include "common/wire/wire.h"
 #include "server/box/box_mesh.h"
 
-namespace ridgecast::session {
+namespace ridgecast::questions {
 
 namespace {
 
@@ -42,7 +42,7 @@ void trim(mesh::LeafMesh& leaf, lattice::Point at, double radius) {
 
 struct Grounds::Work {
   wire::AskGround ask;
-  Ground on;
+  session::Ground on;
   box::Watch watch;
   double error = 0;                       // metres: more than asked for in trials of what fits
   std::unique_ptr<box::Meshing> meshing;  // then there are leaves
@@ -53,8 +53,8 @@ struct Grounds::Work {
   bool isTrial() const { return error > ask.error; }
 };
 
-Grounds::Grounds(std::function<Ground()> ground, std::uint32_t triangleBudget, std::shared_ptr<SlotQueue> queue,
-                 std::shared_ptr<Sender> sender, std::chrono::seconds timeout, std::chrono::milliseconds turn)
+Grounds::Grounds(std::function<session::Ground()> ground, std::uint32_t triangleBudget, std::shared_ptr<session::SlotQueue> queue,
+                 std::shared_ptr<session::Sender> sender, std::chrono::seconds timeout, std::chrono::milliseconds turn)
     : ground_(std::move(ground)),
       triangleBudget_(triangleBudget),
       queue_(std::move(queue)),
@@ -85,11 +85,11 @@ bool Grounds::ask(const wire::AskGround& ask) {
 
 void Grounds::close() { stop_.request_stop(); }
 
-void Grounds::begin(SlotQueue::Slot slot) {
+void Grounds::begin(session::SlotQueue::Slot slot) {
   queue_->pool().post([self = shared_from_this(), slot = std::move(slot)]() mutable { self->run(std::move(slot)); });
 }
 
-void Grounds::run(SlotQueue::Slot slot) {
+void Grounds::run(session::SlotQueue::Slot slot) {
   if (stop_.stop_requested()) return;  // nobody waits any more
   Work* work = nullptr;
   {
@@ -101,9 +101,9 @@ void Grounds::run(SlotQueue::Slot slot) {
     auto answer = turn(*work);
     if (!answer) return begin(std::move(slot));
     answer->edit = work->on.edit;
-    if (!stop_.stop_requested()) sender_->send(std::move(*answer), ticketOf(open_));
+    if (!stop_.stop_requested()) sender_->send(std::move(*answer), session::ticketOf(open_));
   } catch (const std::exception& e) {
-    return sender_->fail(failureOf(e));
+    return sender_->fail(session::failureOf(e));
   }
   std::unique_ptr<Work> done;  // destroyed before the slot is released, and without the lock
   {
@@ -194,4 +194,4 @@ wire::Ground Grounds::refusal(const Work& work, std::string sentence) {
   return out;
 }
 
-}  // namespace ridgecast::session
+}  // namespace ridgecast::questions

@@ -24,15 +24,16 @@
 #include "server/session/sender.h"
 #include "server/session/slot_queue.h"
 
-namespace ridgecast::session {
+namespace ridgecast::questions {
 
-class Grounds final : public SlotQueue::Worker, public std::enable_shared_from_this<Grounds> {
+class Grounds final : public session::SlotQueue::Worker, public std::enable_shared_from_this<Grounds> {
  public:
   static constexpr std::chrono::seconds kTimeout{30};  // from ask() on
 
   // `turn`: how long it works before others have their turn.
-  Grounds(std::function<Ground()> ground, std::uint32_t triangleBudget, std::shared_ptr<SlotQueue> queue, std::shared_ptr<Sender> sender,
-          std::chrono::seconds timeout = kTimeout, std::chrono::milliseconds turn = std::chrono::milliseconds(2));
+  Grounds(std::function<session::Ground()> ground, std::uint32_t triangleBudget, std::shared_ptr<session::SlotQueue> queue,
+          std::shared_ptr<session::Sender> sender, std::chrono::seconds timeout = kTimeout,
+          std::chrono::milliseconds turn = std::chrono::milliseconds(2));
   ~Grounds() override;
   bool ask(const wire::AskGround& ask);  // false: too many are open
   void close();                          // sends nothing more and abandons current work; any thread
@@ -41,8 +42,8 @@ class Grounds final : public SlotQueue::Worker, public std::enable_shared_from_t
   using Clock = std::chrono::steady_clock;
   struct Work;
 
-  void begin(SlotQueue::Slot slot) override;
-  void run(SlotQueue::Slot slot);
+  void begin(session::SlotQueue::Slot slot) override;
+  void run(session::SlotQueue::Slot slot);
   // Some milliseconds of work; returns the answer, if it is the last.
   std::optional<wire::Ground> turn(Work& work) const;
   std::optional<wire::Ground> mesh(Work& work, Clock::time_point until) const;
@@ -52,10 +53,10 @@ class Grounds final : public SlotQueue::Worker, public std::enable_shared_from_t
   wire::Ground unfit(const Work& work, const std::string& fits) const;
   static wire::Ground refusal(const Work& work, std::string sentence);
 
-  const std::function<Ground()> ground_;  // of now
+  const std::function<session::Ground()> ground_;  // of now
   const std::uint32_t triangleBudget_;
-  const std::shared_ptr<SlotQueue> queue_;
-  const std::shared_ptr<Sender> sender_;
+  const std::shared_ptr<session::SlotQueue> queue_;
+  const std::shared_ptr<session::Sender> sender_;
   const std::chrono::seconds timeout_;
   const std::chrono::milliseconds turn_;
   std::stop_source stop_;
@@ -66,4 +67,4 @@ class Grounds final : public SlotQueue::Worker, public std::enable_shared_from_t
   bool runs_ = false;                                                                               // waits for a slot or has one
 };
 
-}  // namespace ridgecast::session
+}  // namespace ridgecast::questions

@@ -6,9 +6,10 @@
 #include "common/outcome/contract.h"
 #include "common/wire/wire.h"
 
-namespace ridgecast::session {
+namespace ridgecast::questions {
 
-Queries::Queries(std::shared_ptr<const Session> session, std::shared_ptr<Sender> sender, std::shared_ptr<Budgets> budgets)
+Queries::Queries(std::shared_ptr<const session::Session> session, std::shared_ptr<session::Sender> sender,
+                 std::shared_ptr<session::Budgets> budgets)
     : session_(std::move(session)),
       sender_(std::move(sender)),
       queue_(session_->resources().queryQueues().queries),
@@ -35,7 +36,7 @@ void Queries::close() {
 }
 
 void Queries::waitForTurn() {
-  const Timer& timer = *session_->resources().timer;
+  const session::Timer& timer = *session_->resources().timer;
   const auto free = budgets_->queries.free();
   if (free <= timer.now()) return queue_->enter(weak_from_this());
   timer.at(free, [weak = weak_from_this()] {
@@ -43,7 +44,7 @@ void Queries::waitForTurn() {
   });
 }
 
-void Queries::begin(SlotQueue::Slot slot) {
+void Queries::begin(session::SlotQueue::Slot slot) {
   queue_->pool().post([self = shared_from_this(), slot = std::move(slot)] { self->run(); });
 }
 
@@ -53,7 +54,7 @@ void Queries::run() {
     for (const auto until = Steady::now() + session_->resources().limits.turn; Steady::now() < until;)
       if (!workOnFirst()) return;
   } catch (const std::exception& e) {
-    return sender_->fail(failureOf(e));
+    return sender_->fail(session::failureOf(e));
   }
   waitForTurn();
 }
@@ -71,7 +72,7 @@ bool Queries::workOnFirst() {
     budgets_->queries.spend(session_->resources().timer->now(), heights);
     return true;
   }
-  sender_->send(first->take(), ticketOf(open_));
+  sender_->send(first->take(), session::ticketOf(open_));
   std::unique_ptr<query::Answering> done;  // destroyed without the lock
   const std::lock_guard lock(mutex_);
   expects(!pending_.empty() && pending_.front().get() == first, "what is answered waits first");
@@ -80,4 +81,4 @@ bool Queries::workOnFirst() {
   return true;
 }
 
-}  // namespace ridgecast::session
+}  // namespace ridgecast::questions

@@ -17,28 +17,29 @@
 #include "server/session/session.h"
 #include "server/session/slot_queue.h"
 
-namespace ridgecast::session {
+namespace ridgecast::questions {
 
-class Queries final : public SlotQueue::Worker, public std::enable_shared_from_this<Queries> {
+class Queries final : public session::SlotQueue::Worker, public std::enable_shared_from_this<Queries> {
  public:
-  Queries(std::shared_ptr<const Session> session, std::shared_ptr<Sender> sender, std::shared_ptr<Budgets> budgets);
+  Queries(std::shared_ptr<const session::Session> session, std::shared_ptr<session::Sender> sender,
+          std::shared_ptr<session::Budgets> budgets);
   bool ask(wire::Query query);  // false: too many are open
   void close();                 // sends nothing more and abandons the work; any thread
 
  private:
   void waitForTurn();  // until the budget allows it and there is a slot
-  void begin(SlotQueue::Slot slot) override;
+  void begin(session::SlotQueue::Slot slot) override;
   void run();
   bool workOnFirst();  // a piece of its answer; false: none waits
 
-  const std::shared_ptr<const Session> session_;
-  const std::shared_ptr<Sender> sender_;
-  const std::shared_ptr<SlotQueue> queue_;
-  const std::shared_ptr<Budgets> budgets_;
+  const std::shared_ptr<const session::Session> session_;
+  const std::shared_ptr<session::Sender> sender_;
+  const std::shared_ptr<session::SlotQueue> queue_;
+  const std::shared_ptr<session::Budgets> budgets_;
   std::mutex mutex_;
   std::deque<std::unique_ptr<query::Answering>> pending_;                                           // the first is in work while `runs_`
   std::shared_ptr<std::atomic<std::size_t>> open_ = std::make_shared<std::atomic<std::size_t>>(0);  // not yet answered and sent
   bool runs_ = false, closed_ = false;
 };
 
-}  // namespace ridgecast::session
+}  // namespace ridgecast::questions

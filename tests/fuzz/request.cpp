@@ -28,12 +28,12 @@ struct Server {
   Server() : executor(1), resources(std::make_shared<session::Resources>()) {
     resources->executor = &executor;
     resources->makeMesh = session::pipelineMeshes();
-    directory = std::make_shared<session::Directory>(resources, terrain::create("alpine", 1).value());
+    directory = std::make_shared<directory::Directory>(resources, terrain::create("alpine", 1).value());
     routes.push_back(http::queryRoute(directory));
   }
   scheduling::Executor executor;
   std::shared_ptr<session::Resources> resources;
-  std::shared_ptr<session::Directory> directory;
+  std::shared_ptr<directory::Directory> directory;
   std::vector<http::Route> routes;
   const http::RequestFilter filter{http::Access{}};
 };

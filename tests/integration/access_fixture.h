@@ -49,7 +49,7 @@ class AccessTest : public testing::Test {
     resources->makeTerrain = [](const session::WorldSpec& spec, const std::stop_token&) {
       return terrain::create(spec.terrain, spec.seed);
     };
-    directory = std::make_shared<session::Directory>(resources, terrain::create("alpine", 1).value());
+    directory = std::make_shared<directory::Directory>(resources, terrain::create("alpine", 1).value());
     auto made = net::Server::listen(settings, directory, routes());
     ASSERT_TRUE(made) << made.error().message;
     server = std::move(*made);
@@ -101,7 +101,7 @@ class AccessTest : public testing::Test {
   std::unique_ptr<net::Server> server;  // outlives the executor, whose tasks send through it
   std::unique_ptr<scheduling::Executor> executor;
   std::shared_ptr<session::Resources> resources;
-  std::shared_ptr<session::Directory> directory;
+  std::shared_ptr<directory::Directory> directory;
 };
 
 }  // namespace ridgecast

@@ -58,7 +58,7 @@ TEST_F(EditsInAnInstantTest, ManyAtOnceAreMadeOrRefused) {
   const auto [made, refused] = askAtOnce(bad, 250, 60);
   EXPECT_GT(made, 0);
   EXPECT_GT(refused, 0);
-  EXPECT_EQ(directory->find(session::kDefaultName)->ground().edit, static_cast<std::uint64_t>(made));
+  EXPECT_EQ(directory->find(directory::kDefaultName)->ground().edit, static_cast<std::uint64_t>(made));
 }
 
 TEST_F(EditsInAnInstantTest, OneAfterTheOtherByHttpAreAsManyAsAtOnce) {
@@ -69,7 +69,7 @@ TEST_F(EditsInAnInstantTest, OneAfterTheOtherByHttpAreAsManyAsAtOnce) {
   ASSERT_GT(posts, session::kMinEditedPosts);
   for (std::uint64_t k = 0; k < most; ++k) has(ask("POST", "edits", edit), " 201 ");
   for (int k = 0; k < 3; ++k) has(ask("POST", "edits", edit), " 429 ");
-  EXPECT_EQ(directory->find(session::kDefaultName)->ground().edit, most);
+  EXPECT_EQ(directory->find(directory::kDefaultName)->ground().edit, most);
 }
 
 }  // namespace

@@ -78,7 +78,7 @@ std::string record() {
   resources->executor = &executor;
   resources->makeMesh = session::pipelineMeshes();
   resources->serverName = "example";
-  auto directory = std::make_shared<session::Directory>(resources, terrain::create("canyon", 1).value());
+  auto directory = std::make_shared<directory::Directory>(resources, terrain::create("canyon", 1).value());
   net::Settings settings;
   settings.port = 0;
   auto server = net::Server::listen(settings, directory).value();

@@ -29,7 +29,7 @@ class LoopbackTest : public testing::Test {
     resources->record = std::move(record);
     resources->timer = std::move(timer);
     resources->serverName = "integration";
-    directory = std::make_shared<session::Directory>(resources, terrain::create("alpine", 1).value());
+    directory = std::make_shared<directory::Directory>(resources, terrain::create("alpine", 1).value());
   }
   void listen(std::vector<http::Route> routes = {}) {
     net::Settings settings;
@@ -45,7 +45,7 @@ class LoopbackTest : public testing::Test {
   }
   std::unique_ptr<net::Server> server;  // outlives the executor, whose tasks send through it
   std::unique_ptr<scheduling::Executor> executor;
-  std::shared_ptr<session::Directory> directory;
+  std::shared_ptr<directory::Directory> directory;
 };
 
 }  // namespace ridgecast

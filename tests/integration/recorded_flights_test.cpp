@@ -75,7 +75,7 @@ Flight fly(const std::string& path, double perIteration, int iterations,
   resources->makeMesh = session::pipelineMeshes();
   resources->serverName = "recorded";
   const auto keyframes = camera::readPath(kPaths + "/" + path).value();
-  auto directory = std::make_shared<session::Directory>(resources, terrain::create(keyframes.terrain, keyframes.seed).value());
+  auto directory = std::make_shared<directory::Directory>(resources, terrain::create(keyframes.terrain, keyframes.seed).value());
   net::Settings settings;
   settings.port = 0;
   auto server = net::Server::listen(settings, directory).value();

@@ -29,7 +29,7 @@ void Liar::lie() {
     for (std::uint64_t n = random_() % 50 == 0 ? 200 : 1; n > 0; --n) line_->say(message());
     return;
   }
-  line_ = Line::open(server_, std::string(session::kDefaultName), "liar", timer_, {}, [this](const std::string& frame) {
+  line_ = Line::open(server_, std::string(directory::kDefaultName), "liar", timer_, {}, [this](const std::string& frame) {
     const wire::ServerMessage heard = testing_support::decoded(frame);
     if (const auto* answer = std::get_if<wire::EditAnswer>(&heard)) take(*answer);
     const auto* error = std::get_if<wire::ErrorMessage>(&heard);

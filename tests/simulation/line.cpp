@@ -25,7 +25,7 @@ std::shared_ptr<Line> Line::open(Server& server, const std::string& name, const 
   if (!place) return nullptr;
   auto line = std::make_shared<Line>(server, name, timer, way, std::move(take));
   line->author_ = client;
-  line->camera_ = std::make_shared<session::CameraSession>(session, std::move(*place), server.directory()->nextCameraId(), line);
+  line->camera_ = std::make_shared<member::CameraSession>(session, std::move(*place), server.directory()->nextCameraId(), line);
   server.add(line, line->camera_);
   return line;
 }

@@ -76,7 +76,7 @@ class Line final : public session::Sender, public std::enable_shared_from_this<L
   const Way way_;
   const std::size_t maxQueuedBytes_;
   const Take take_;
-  std::shared_ptr<session::CameraSession> camera_;
+  std::shared_ptr<member::CameraSession> camera_;
   Time said_{};  // when the last of the member's messages arrives
   Time left_{};  // when the last of the server's messages leaves
   Time quietFrom_{};

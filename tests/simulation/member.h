@@ -29,7 +29,7 @@ class Member {
     Duration think{};            // about each iteration, before its acknowledgement
     Duration leaving{};          // of each frame that it sends: the next one waits so long
     std::size_t stateBytes = 0;  // of its own in each pose
-    std::string session{session::kDefaultName};
+    std::string session{directory::kDefaultName};
   };
 
   // Begins around a place. All must outlive it.

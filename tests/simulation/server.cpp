@@ -70,7 +70,7 @@ Server::~Server() {
 }
 
 void Server::fill(std::uint64_t edits, lattice::Point near) {
-  const auto log = edit_log::Log::create(folder() / (std::string(session::kDefaultName) + ".edits"),
+  const auto log = edit_log::Log::create(folder() / (std::string(directory::kDefaultName) + ".edits"),
                                          {std::string(terrain_->name()), terrain_->seed(), {}, terrain::contentHash(*terrain_)})
                        .value();
   edits::History history(terrain_);
@@ -103,7 +103,7 @@ bool Server::start() {
   resources->state = folder();
   resources->timer = std::make_unique<Clock>(timer_, program.alive);
   try {
-    program.directory = std::make_shared<session::Directory>(resources, std::make_shared<Starving>(terrain_, starves_));
+    program.directory = std::make_shared<directory::Directory>(resources, std::make_shared<Starving>(terrain_, starves_));
     program.directory->awaitDefault();
   } catch (const std::runtime_error& e) {
     EXPECT_TRUE(disk_.isOff()) << e.what();
@@ -117,7 +117,7 @@ std::shared_ptr<session::Session> Server::enter(const std::string& name, Duratio
   auto reservation = now_.directory->reserve(name);
   EXPECT_TRUE(reservation || disk_.isOff() || beside_.entering.contains(name)) << reservation.error().message;
   if (!reservation || !*reservation) return nullptr;  // somebody is making it
-  const auto make = [this](std::unique_ptr<session::Reservation> reserved) {
+  const auto make = [this](std::unique_ptr<directory::Reservation> reserved) {
     const auto made = now_.directory->add(std::move(reserved), std::make_shared<Starving>(terrain_, starves_));
     EXPECT_TRUE(made || disk_.isOff()) << made.error().message;
     return made ? *made : nullptr;
@@ -174,7 +174,7 @@ void Server::fall(bool withPower) {
   now_ = std::exchange(beside_, {});
 }
 
-void Server::add(const std::shared_ptr<Line>& line, const std::shared_ptr<session::CameraSession>& camera) {
+void Server::add(const std::shared_ptr<Line>& line, const std::shared_ptr<member::CameraSession>& camera) {
   lines_.push_back(line);
   cameras_.push_back(camera);
 }

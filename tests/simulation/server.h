@@ -55,8 +55,8 @@ class Server {
 
   const std::shared_ptr<const terrain::Terrain>& terrain() const { return terrain_; }
   // While it runs.
-  const std::shared_ptr<session::Directory>& directory() const { return now_.directory; }
-  std::shared_ptr<session::Session> session(std::string_view name = session::kDefaultName) const { return now_.directory->find(name); }
+  const std::shared_ptr<directory::Directory>& directory() const { return now_.directory; }
+  std::shared_ptr<session::Session> session(std::string_view name = directory::kDefaultName) const { return now_.directory->find(name); }
   // Makes it where it does not live, which takes so long. Null: it is not there yet.
   std::shared_ptr<session::Session> enter(const std::string& name, Duration takes = {});
 
@@ -68,7 +68,7 @@ class Server {
   void hold();
   void release() { isHeld_ = false; }
 
-  void add(const std::shared_ptr<Line>& line, const std::shared_ptr<session::CameraSession>& camera);
+  void add(const std::shared_ptr<Line>& line, const std::shared_ptr<member::CameraSession>& camera);
   bool hasCameras() const;  // as objects: memory that was not given back
   // Edits that have arrived and have no answer. Those with one key are one.
   struct OpenEdits {
@@ -90,8 +90,8 @@ class Server {
     std::unique_ptr<scheduling::Executor> executor, writer;
     bool isWriting = false;
     std::shared_ptr<bool> alive;
-    std::shared_ptr<session::Directory> directory;
-    std::map<std::string, std::unique_ptr<session::Reservation>> entering;
+    std::shared_ptr<directory::Directory> directory;
+    std::map<std::string, std::unique_ptr<directory::Reservation>> entering;
   };
   void work(Program& program);
   static void end(Program& program);
@@ -109,7 +109,7 @@ class Server {
   Time starvesUntil_{};
   std::map<std::string, OpenEdits> openEdits_;  // by session
   std::vector<std::weak_ptr<Line>> lines_;
-  std::vector<std::weak_ptr<session::CameraSession>> cameras_;
+  std::vector<std::weak_ptr<member::CameraSession>> cameras_;
 };
 
 }  // namespace ridgecast::simulation

@@ -16,8 +16,8 @@ Met met;
 
 namespace {
 
-constexpr std::uint64_t kOld = 3000;                                  // edits
-const std::string kDefault{session::kDefaultName}, kOther = "other";  // sessions
+constexpr std::uint64_t kOld = 3000;                                    // edits
+const std::string kDefault{directory::kDefaultName}, kOther = "other";  // sessions
 
 const edits::Layer& layer(const terrain::Terrain& ground) {
   static const edits::Layer kNone;
@@ -152,7 +152,7 @@ void World::judgeEmptiness() {
   server_->stopOther();
   run(1s);
   met.time = time;
-  const session::Directory& directory = *server_->directory();
+  const directory::Directory& directory = *server_->directory();
   EXPECT_EQ(directory.cameras(), 0u);
   EXPECT_EQ(directory.triangles(), 0u);
   EXPECT_FALSE(server_->hasCameras());

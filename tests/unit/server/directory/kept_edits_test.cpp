@@ -64,7 +64,7 @@ TEST_F(KeptEdits, OneOfThoseWhoComeAtOnceOpensThem) {
   }
   Served server(state);
   for (int round = 0; round < 20; ++round) {
-    std::vector<std::unique_ptr<Reservation>> reserved(8);
+    std::vector<std::unique_ptr<directory::Reservation>> reserved(8);
     {
       std::vector<std::jthread> all;
       for (auto& one : reserved)

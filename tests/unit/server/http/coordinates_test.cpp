@@ -49,7 +49,7 @@ class OnEarth : public testing::Test {
     resources->executor = &executor_;
     resources->makeMesh = session::pipelineMeshes();
     resources->limits.sendsTerrain = sendsTerrain;
-    const auto directory = std::make_shared<session::Directory>(resources, std::make_shared<Slope>(crs));
+    const auto directory = std::make_shared<directory::Directory>(resources, std::make_shared<Slope>(crs));
     const Maker maker{std::make_shared<snapshot::Snapshots>(snapshot::Limits(), 1u), std::make_shared<AnswerCache>(1 << 20)};
     routes_ = {queryRoute(directory), editsRoute(directory), snapshotRoute(directory, maker)};
   }

@@ -28,7 +28,7 @@ class MapTilesTest : public testing::Test {
     auto resources = std::make_shared<session::Resources>();
     resources->executor = &executor;
     resources->makeMesh = session::pipelineMeshes();
-    directory = std::make_shared<session::Directory>(resources, terrain::create("alpine", 3).value());
+    directory = std::make_shared<directory::Directory>(resources, terrain::create("alpine", 3).value());
     tiles = mapTileRoute(directory);
     queries = queryRoute(directory);
   }
@@ -40,7 +40,7 @@ class MapTilesTest : public testing::Test {
   }
   std::optional<Replied> ask(std::string_view target, std::string_view method = "GET") const { return ask(tiles, target, method); }
   scheduling::Executor executor{1};
-  std::shared_ptr<session::Directory> directory;
+  std::shared_ptr<directory::Directory> directory;
   Route tiles, queries;
 };
 
@@ -103,7 +103,7 @@ TEST_F(MapTilesTest, AMapThatSaysWhereItLiesLiesThere) {
   auto resources = std::make_shared<session::Resources>();
   resources->executor = &executor;
   resources->makeMesh = session::pipelineMeshes();
-  const Route route = mapTileRoute(std::make_shared<session::Directory>(resources, std::make_shared<Map>()));
+  const Route route = mapTileRoute(std::make_shared<directory::Directory>(resources, std::make_shared<Map>()));
   const std::string here = "/v1/sessions/default/heights/14/8782/5746.png", beside = "/v1/sessions/default/heights/14/8700/5741.png";
   const auto statusOf = [&](const std::string& target) { return ask(route, target)->made().status; };
   EXPECT_EQ(statusOf(here), 200u);

@@ -90,7 +90,7 @@ class SiteRoutesTest : public SiteTest {
     auto resources = std::make_shared<session::Resources>();
     resources->executor = &executor;
     resources->makeMesh = session::pipelineMeshes();
-    directory = std::make_unique<session::Directory>(resources, terrain::create("alpine", 3).value());
+    directory = std::make_unique<directory::Directory>(resources, terrain::create("alpine", 3).value());
     routes.push_back(pageRoute(load()));
   }
   Answer get(std::string_view target, std::string_view encodings = "", std::string_view method = "GET") {
@@ -107,7 +107,7 @@ class SiteRoutesTest : public SiteTest {
     return {};
   }
   scheduling::Executor executor{1};
-  std::unique_ptr<session::Directory> directory;
+  std::unique_ptr<directory::Directory> directory;
   std::vector<Route> routes;
 };
 

@@ -23,7 +23,7 @@ class RoutesTest : public testing::Test {
     auto resources = std::make_shared<session::Resources>();
     resources->executor = &executor;
     resources->makeMesh = session::pipelineMeshes();
-    directory = std::make_unique<session::Directory>(resources, terrain::create("alpine", 3).value());
+    directory = std::make_unique<directory::Directory>(resources, terrain::create("alpine", 3).value());
   }
   Replied get(std::string_view target) {
     Request request;
@@ -41,7 +41,7 @@ class RoutesTest : public testing::Test {
     return answer(request, *directory, "9.9");
   }
   scheduling::Executor executor{1};
-  std::unique_ptr<session::Directory> directory;
+  std::unique_ptr<directory::Directory> directory;
 };
 
 TEST_F(RoutesTest, AnswersWhatThereIs) {
@@ -133,7 +133,7 @@ class WorldsTest : public testing::Test {
       resources->makeTerrain = [](const session::WorldSpec& spec, const std::stop_token&) {
         return terrain::create(spec.terrain, spec.seed);
       };
-    directory = std::make_shared<session::Directory>(resources, terrain::create("alpine", 3).value());
+    directory = std::make_shared<directory::Directory>(resources, terrain::create("alpine", 3).value());
   }
   Replied connect(std::string_view target, std::string_view client = "address 192.0.2.1", bool upgrade = true) {
     Request request;
@@ -151,7 +151,7 @@ class WorldsTest : public testing::Test {
     return Replied(answer(request, *directory, "9.9")).body;
   }
   scheduling::Executor executor{1};
-  std::shared_ptr<session::Directory> directory;
+  std::shared_ptr<directory::Directory> directory;
 };
 
 TEST_F(WorldsTest, WithoutAnUpgradeAWorldIsJudgedAndNotMade) {

@@ -19,7 +19,7 @@ class SnapshotRouteTest : public testing::Test {
   SnapshotRouteTest() {
     resources->executor = &executor;
     resources->makeMesh = session::pipelineMeshes();
-    directory = std::make_shared<session::Directory>(resources, terrain::create("alpine", 3).value());
+    directory = std::make_shared<directory::Directory>(resources, terrain::create("alpine", 3).value());
     route = snapshotRoute(directory, maker);
   }
   std::optional<Replied> ask(std::string_view target, std::string_view method = "GET") {
@@ -36,7 +36,7 @@ class SnapshotRouteTest : public testing::Test {
   scheduling::Executor executor{1};
   std::shared_ptr<session::Resources> resources = std::make_shared<session::Resources>();
   Maker maker{std::make_shared<snapshot::Snapshots>(snapshot::Limits{.triangles = 20'000}, 1), std::make_shared<AnswerCache>(4 << 20)};
-  std::shared_ptr<session::Directory> directory;
+  std::shared_ptr<directory::Directory> directory;
   Route route;
 };
 
@@ -84,7 +84,7 @@ TEST_F(SnapshotRouteTest, AreOfTheGroundThatTheirETagNames) {
                            "snapshot.ply?x=20&z=20&altitude=30&yaw=0&pitch=-80&threshold=4"}) {
     const std::string target = std::string("/v1/sessions/default/") + file;
     const auto makeAnew = [&] {  // a session of that name and world, which nobody has edited
-      directory = std::make_shared<session::Directory>(resources, terrain::create("alpine", 3).value());
+      directory = std::make_shared<directory::Directory>(resources, terrain::create("alpine", 3).value());
       route = snapshotRoute(directory, maker);
     };
     makeAnew();

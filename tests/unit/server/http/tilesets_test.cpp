@@ -26,7 +26,7 @@ class TilesetRouteTest : public testing::Test {
   }
   // A session of that name and world, which nobody has edited.
   void makeAnew() {
-    directory = std::make_shared<session::Directory>(resources, terrain::create("alpine", 3).value());
+    directory = std::make_shared<directory::Directory>(resources, terrain::create("alpine", 3).value());
     route = tilesetRoute(directory, maker);
   }
   std::optional<Replied> ask(const std::string& file, std::string_view method = "GET") {
@@ -45,7 +45,7 @@ class TilesetRouteTest : public testing::Test {
   scheduling::Executor executor{1};
   std::shared_ptr<session::Resources> resources = std::make_shared<session::Resources>();
   Maker maker{std::make_shared<snapshot::Snapshots>(snapshot::Limits{}, 1), std::make_shared<AnswerCache>(4 << 20)};
-  std::shared_ptr<session::Directory> directory;
+  std::shared_ptr<directory::Directory> directory;
   Route route;
 };
 

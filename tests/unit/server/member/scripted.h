@@ -12,10 +12,14 @@
 #include <optional>
 #include <vector>
 
+#include "server/directory/directory.h"
 #include "server/member/camera_session.h"
 #include "tests/support/decoded.h"
 
 namespace ridgecast::session {
+
+using directory::Directory, directory::kDefaultName;
+using member::CameraSession;
 
 // A flat terrain.
 std::shared_ptr<const terrain::Terrain> flatTerrain(std::uint32_t seed = 5);

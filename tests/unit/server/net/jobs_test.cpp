@@ -289,7 +289,7 @@ class LaterTest : public testing::Test {
     settings.trustedProxies = {access::Network::parse("127.0.0.0/8").value()};
     auto resources = std::make_shared<session::Resources>();
     resources->executor = &executor;
-    directory = std::make_shared<session::Directory>(resources, terrain::create("alpine", 1).value());
+    directory = std::make_shared<directory::Directory>(resources, terrain::create("alpine", 1).value());
     server =
         Server::listen(
             settings, directory,
@@ -358,7 +358,7 @@ class LaterTest : public testing::Test {
   scheduling::Executor executor{1};
   Settings settings;
   snapshot::Limits snapshots{.triangles = 20'000'000, .seconds = 600};
-  std::shared_ptr<session::Directory> directory;
+  std::shared_ptr<directory::Directory> directory;
   std::unique_ptr<Server> server;
   std::atomic<int> worked{0}, asked{0}, began{0}, ended{0};
 };

@@ -45,7 +45,7 @@ class NetTest : public testing::Test {
     resources->executor = executor.get();
     resources->makeMesh = [](auto, const auto&, auto) { return std::make_unique<StillMesh>(); };
     resources->limits = limits;
-    directory = std::make_shared<session::Directory>(resources, terrain::create("alpine", 1).value());
+    directory = std::make_shared<directory::Directory>(resources, terrain::create("alpine", 1).value());
     auto made = Server::listen(settings, directory);
     ASSERT_TRUE(made) << made.error().message;
     server = std::move(*made);
@@ -86,7 +86,7 @@ class NetTest : public testing::Test {
   Settings settings;
   session::Limits limits;
   std::unique_ptr<scheduling::Executor> executor;
-  std::shared_ptr<session::Directory> directory;
+  std::shared_ptr<directory::Directory> directory;
   std::unique_ptr<Server> server;
 };
 

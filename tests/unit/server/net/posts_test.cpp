@@ -37,7 +37,7 @@ class PostsTest : public testing::Test {
     resources->makeTerrain = [](const session::WorldSpec& spec, const std::stop_token&) {
       return terrain::create(spec.terrain, spec.seed);
     };
-    directory = std::make_shared<session::Directory>(resources, terrain);
+    directory = std::make_shared<directory::Directory>(resources, terrain);
     start();
   }
   void TearDown() override { server->shutdown(); }
@@ -68,7 +68,7 @@ class PostsTest : public testing::Test {
   }();
   scheduling::Executor executor{1};
   Settings settings;
-  std::shared_ptr<session::Directory> directory;
+  std::shared_ptr<directory::Directory> directory;
   std::unique_ptr<Server> server;
 };
 

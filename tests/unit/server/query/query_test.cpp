@@ -120,7 +120,7 @@ class QueryHttpTest : public testing::Test {
     resources->makeTerrain = [](const session::WorldSpec& spec, const std::stop_token&) {
       return terrain::create(spec.terrain, spec.seed + static_cast<std::uint32_t>(spec.parameters.size()));
     };
-    directory = std::make_shared<session::Directory>(resources, terrain);
+    directory = std::make_shared<directory::Directory>(resources, terrain);
     directory->add("other", terrain::create("alpine", 4).value()).value();
   }
   http::Answer get(const std::string& target, std::string_view method = "GET") {
@@ -149,7 +149,7 @@ class QueryHttpTest : public testing::Test {
   int turns = 0;  // of the last answer
   std::shared_ptr<const terrain::Terrain> terrain = terrain::create("alpine", 3).value();
   scheduling::Executor executor{1};
-  std::shared_ptr<session::Directory> directory;
+  std::shared_ptr<directory::Directory> directory;
 };
 
 TEST_F(QueryHttpTest, HeightsAreExact) {

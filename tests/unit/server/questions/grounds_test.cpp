@@ -14,6 +14,8 @@
 namespace ridgecast::session {
 namespace {
 
+using questions::Grounds;
+
 using namespace std::chrono_literals;
 using lattice::Step;
 

@@ -139,7 +139,7 @@ TEST(Edits, ACamerasMeshFollowsAndSaysSo) {
 
 TEST(Edits, OfOnlySoManySessionsAreKept) {
   const testing_support::ScratchFolder folder;
-  for (std::size_t k = 1; k < kMaxKept; ++k) std::ofstream(folder / ("s" + std::to_string(k) + ".edits"));
+  for (std::size_t k = 1; k < directory::kMaxKept; ++k) std::ofstream(folder / ("s" + std::to_string(k) + ".edits"));
   scheduling::Executor executor(1);
   auto resources = std::make_shared<Resources>();
   resources->executor = &executor;
@@ -223,7 +223,7 @@ TEST(Edits, OneClientBeginsHalfOfTheSessionsThatAreKept) {
     auto clients = edit_log::Database::open(folder / edit_log::kClientsFile, SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE).value();
     clients.run("BEGIN; CREATE TABLE clients(log TEXT PRIMARY KEY, client TEXT NOT NULL) WITHOUT ROWID").value();
     auto insert = clients.prepare("INSERT INTO clients VALUES(?1, 'token of lab')").value();
-    for (std::size_t k = 0; k < kMaxKept / 2; ++k) {
+    for (std::size_t k = 0; k < directory::kMaxKept / 2; ++k) {
       const std::string log = "s" + std::to_string(k) + ".edits";
       std::ofstream(folder / log).flush();
       insert.run(std::string_view(log)).value();

@@ -29,7 +29,7 @@ class TakeTest : public testing::Test {
     auto resources = std::make_shared<session::Resources>();
     resources->executor = &executor;
     resources->makeMesh = session::pipelineMeshes();
-    directory = std::make_shared<session::Directory>(resources, terrain::create("alpine", 3).value());
+    directory = std::make_shared<directory::Directory>(resources, terrain::create("alpine", 3).value());
     session = directory->find("default");
   }
   Question question(const std::string& query) const {
@@ -43,7 +43,7 @@ class TakeTest : public testing::Test {
 
   scheduling::Executor executor{1};
   Snapshots snapshots{{}, 2};
-  std::shared_ptr<session::Directory> directory;
+  std::shared_ptr<directory::Directory> directory;
   std::shared_ptr<session::Session> session;
 };
 
@@ -73,7 +73,7 @@ TEST_F(TakeTest, AnOwnTerrainsParametersStayPrivate) {
   auto resources = std::make_shared<session::Resources>();
   resources->executor = &executor;
   resources->limits.sendsTerrain = false;
-  directory = std::make_shared<session::Directory>(resources, terrain::create("alpine", 3).value());
+  directory = std::make_shared<directory::Directory>(resources, terrain::create("alpine", 3).value());
   session = directory->find("default");
   const auto made = take("x0=0&z0=0&x1=8&z1=8&error=5", true);
   ASSERT_TRUE(made) << made.error().message;
@@ -282,7 +282,7 @@ class Listener final : public session::Sender {
 // In lock-step a mesh knows no edit before its next pose.
 TEST_F(TakeTest, ALiveCamerasSnapshotIsOfItsMeshsGround) {
   const auto listener = std::make_shared<Listener>();
-  const auto camera = std::make_shared<session::CameraSession>(session, std::move(*session->enter()), directory->nextCameraId(), listener);
+  const auto camera = std::make_shared<member::CameraSession>(session, std::move(*session->enter()), directory->nextCameraId(), listener);
   wire::Hello hello;
   hello.pacing = wire::Pacing::kLockstep;
   hello.settings.threshold = 8;
@@ -311,7 +311,7 @@ TEST_F(TakeTest, ETagsTellQuestionsAndWorldsApart) {
   EXPECT_NE(tag, Snapshots::etag(*session, session->ground(), question(std::string(kFarPose) + "&compression=draco"), false));
   auto resources = std::make_shared<session::Resources>();
   resources->executor = &executor;
-  session::Directory other(resources, terrain::create("alpine", 4).value());
+  directory::Directory other(resources, terrain::create("alpine", 4).value());
   const auto others = other.find("default");
   EXPECT_NE(tag, Snapshots::etag(*others, others->ground(), question(kFarPose), false));
   EXPECT_EQ(Snapshots::etag(*session, session->ground(), question("camera=1"), false), "");
@@ -353,7 +353,7 @@ TEST_F(TakeTest, AWholeMapInPartsHasNoCracksAndSaysWhereItLies) {
   const auto map = std::make_shared<Bumps>();
   auto resources = std::make_shared<session::Resources>();
   resources->executor = &executor;
-  directory = std::make_shared<session::Directory>(resources, map);
+  directory = std::make_shared<directory::Directory>(resources, map);
   session = directory->find("default");
   Snapshots inParts({.partBits = 5}, 2);
   const auto question = parse("box=all&error=0.5&origin=world", inParts.limits(), map.get());

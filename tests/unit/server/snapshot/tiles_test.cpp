@@ -63,7 +63,7 @@ class TilesTest : public testing::Test {
 
   Result<std::uint32_t> make(std::shared_ptr<const terrain::Terrain> terrain, const std::string& query, unsigned threads = 2) {
     terrain_ = std::move(terrain);
-    directory_ = std::make_shared<session::Directory>(resources_, terrain_);
+    directory_ = std::make_shared<directory::Directory>(resources_, terrain_);
     session_ = directory_->find("default");
     const auto question = parse(query, limits_, terrain_->raster(), Format::kTiles);
     EXPECT_TRUE(question) << question.error().message;
@@ -180,7 +180,7 @@ class TilesTest : public testing::Test {
   Snapshots snapshots_{{}, 1};
   std::shared_ptr<session::Resources> resources_ = std::make_shared<session::Resources>();
   std::shared_ptr<const terrain::Terrain> terrain_;
-  std::shared_ptr<session::Directory> directory_;
+  std::shared_ptr<directory::Directory> directory_;
   std::shared_ptr<session::Session> session_;
   TilesProgress progress_;
   Files files_;
