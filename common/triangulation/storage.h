@@ -1,8 +1,8 @@
 #pragma once
 // Slots of fixed size, handed out in pages that belong to one region each. Knows ids, not records.
 //
-// A page has two masks: `alive` (the slot is in use) and `fresh` (in use, and not yet cleared by clearFresh). Emptied
-// pages go back to one pool and are the first to be reused, so resident memory follows what is alive.
+// A page has two masks: `alive` (the slot is in use) and `fresh` (in use, and neither taken nor cleared since). Emptied pages go back to
+// one pool and are the first to be reused, so resident memory follows what is alive.
 //
 // A page's slots lie in four blocks, and it has only those that it uses: many regions are small. A slot's id says where its record lies:
 // its block's number x kBlock + its place there. pageOf() and indexOf() say which slot of which page it is.
@@ -20,6 +20,7 @@
 #include <new>
 #include <span>
 #include <type_traits>
+#include <utility>
 #include <vector>
 
 namespace ridgecast::triangulation {
@@ -154,18 +155,18 @@ class Pages {
   void forEachIn(std::uint32_t page, Mask slots, F&& f) const {
     for (; slots != 0; slots &= slots - 1) f(slotAt(page, static_cast<std::uint32_t>(std::countr_zero(slots))));
   }
-  // Calls f(page) for the region's pages with fresh slots. The caller must clear all of these before the next call.
+  // Calls f(page, slots) for the region's pages with fresh slots, which are not fresh any more.
   template <class F>
-  void takeFreshPages(RegionId region, F&& f) {
+  void takeFresh(RegionId region, F&& f) {
     for (std::uint32_t number : regions_[region]->fresh) {
       Page& page = pages_[number];
       if (page.region != region || !page.listed) continue;  // it went elsewhere, or came back and is listed twice
       page.listed = false;
-      if (page.fresh != 0) f(number);
+      if (page.fresh != 0) f(number, std::exchange(page.fresh, 0));
     }
     regions_[region]->fresh.clear();
   }
-  // Entries for takeFreshPages(), called or not: at most twice the region's pages, and eight.
+  // Entries for takeFresh(), called or not: at most twice the region's pages, and eight.
   std::size_t listLength(RegionId region) const { return regions_[region]->fresh.size(); }
   template <class F>
   void forEachFresh(RegionId region, F&& f) const {

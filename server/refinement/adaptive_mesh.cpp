@@ -1,14 +1,14 @@
-// Storage: what is kept beside the mesh follows its records, and changes of single vertices.
 #include "server/refinement/adaptive_mesh.h"
 
-#include <bit>
 #include <cmath>
 
+#include "common/mesh/extraction.h"
 #include "common/outcome/contract.h"
+#include "server/refinement/bounds.h"
+#include "server/refinement/triangle.h"
 
 namespace ridgecast::refinement {
 
-using lattice::Step;
 using triangulation::Change;
 using triangulation::kNoEdge;
 using triangulation::kOutside;
@@ -19,37 +19,17 @@ using triangulation::Vertex;
 using triangulation::VertexPages;
 using triangulation::WriteSet;
 
-namespace {
-constexpr float kFixed = std::numeric_limits<float>::infinity();  // the loss of a fixed vertex
-}  // namespace
-
 AdaptiveMesh::AdaptiveMesh(std::shared_ptr<const terrain::Terrain> terrain, std::uint32_t triangles, Metric metric,
                            const triangulation::Partition& partition, double colourError)
     : mesh_(triangles, partition),
       partition_(partition),
-      terrain_(std::move(terrain)),
       metric_(metric),
-      colour_(terrain_, colourError),
-      candidates_(mesh_.triangleCapacity() / Candidates::kSlots),
-      checks_(mesh_.triangleCapacity() / TrianglePages::kSlots),
-      screens_(mesh_.triangleCapacity() / TrianglePages::kSlots),
-      hashes_(mesh_.triangleCapacity()),
-      losses_(mesh_.vertexCapacity() / VertexPages::kSlots),
-      extras_(mesh_.vertexCapacity()),
-      curvature_(metric == Metric::kThesis ? mesh_.vertexCapacity() : 0),
+      candidates_(mesh_),
+      losses_(mesh_),
+      chooser_(mesh_, std::move(terrain), metric, colourError),
       regions_(1) {
   regions_[kOutside].level = kOutsideLevel;
   everything_.allowAll();
-}
-
-std::size_t AdaptiveMesh::memoryBytes() const {
-  const auto bytesOf = [](const auto& pages, std::size_t ofPage, std::size_t ofSlot) {
-    return pages.pagesInUse() * ofPage + std::size_t{pages.blocksInUse()} * pages.kBlock * ofSlot;
-  };
-  return mesh_.residentBytes() +
-         bytesOf(mesh_.trianglePages(), sizeof(NextCheck) + sizeof(PageScreen),
-                 sizeof(Candidates) / Candidates::kSlots + sizeof(std::uint64_t)) +
-         bytesOf(mesh_.vertexPages(), sizeof(PageLosses), sizeof(VertexExtra));
 }
 
 void AdaptiveMesh::setAnchor(lattice::Point anchor) {
@@ -57,14 +37,7 @@ void AdaptiveMesh::setAnchor(lattice::Point anchor) {
   anchor_ = anchor;
   if (mesh_.empty()) return;
   mesh_.translate(dx, dz);
-  for (RegionId region = 0; region < mesh_.regionLimit(); ++region)
-    if (mesh_.trianglePages().hasRegion(region))
-      mesh_.trianglePages().forEach(region, [&](TriangleId t) {
-        if (mesh_.trianglePages().fresh(t)) return;  // it has no candidate yet
-        Candidates& four = candidates_[t / Candidates::kSlots];
-        four.x[t % Candidates::kSlots] += dx;
-        four.z[t % Candidates::kSlots] += dz;
-      });
+  candidates_.translate(dx, dz);
 }
 
 // ---- regions ----
@@ -84,103 +57,24 @@ bool AdaptiveMesh::split(std::span<const RegionId> regions, const triangulation:
 void AdaptiveMesh::refile(RegionId region, std::vector<VertexId>& moved) { mesh_.refile(region, moves(&moved)); }
 
 void AdaptiveMesh::takeFreshVertices(RegionId region, std::vector<VertexId>& out) {
-  VertexPages& pages = mesh_.vertexPages();
-  pages.takeFreshPages(region, [&](std::uint32_t page) {
-    pages.forEachIn(page, pages.freshMask(page), [&](VertexId v) {
-      out.push_back(v);
-      pages.clearFresh(v);
-    });
-  });
+  const VertexPages& pages = mesh_.vertexPages();
+  mesh_.vertexPages().takeFresh(
+      region, [&](std::uint32_t page, VertexPages::Mask slots) { pages.forEachIn(page, slots, [&](VertexId v) { out.push_back(v); }); });
 }
 
 void AdaptiveMesh::compact(RegionId region) { mesh_.compact(region, moves(nullptr)); }
 
 triangulation::Moves AdaptiveMesh::moves(std::vector<VertexId>* moved) {
-  return {[this](std::span<const Move> list) { moveTriangles(list); },
+  return {[this](std::span<const Move> list) { candidates_.move(list, regions_[mesh_.regionOf(list.front().to)]); },
           [this, moved](std::span<const Move> list) {
-            moveVertices(list);
+            losses_.move(list, stateOf(list.front().to));
+            chooser_.moveCurvatures(list);
             if (moved)
               for (const Move& move : list) moved->push_back(move.to);
           }};
 }
 
-namespace {
-// visit(page, run) for every run of moves to one page.
-template <class Storage, class F>
-void forEachPage(const Storage& pages, std::span<const Move> moves, F&& visit) {
-  while (!moves.empty()) {
-    const std::uint32_t page = pages.pageOf(moves.front().to);
-    const auto end = std::find_if(moves.begin(), moves.end(), [&](const Move& m) { return pages.pageOf(m.to) != page; });
-    const auto count = static_cast<std::size_t>(end - moves.begin());
-    visit(page, moves.first(count));
-    moves = moves.subspan(count);
-  }
-}
-}  // namespace
-
-void AdaptiveMesh::moveTriangles(std::span<const Move> moves) {
-  const TrianglePages& pages = mesh_.trianglePages();
-  const RegionId region = mesh_.regionOf(moves.front().to);
-  forEachPage(pages, moves, [&](std::uint32_t number, std::span<const Move> run) {
-    Mask slots = 0;
-    for (const Move& move : run) slots |= Mask{1} << pages.indexOf(move.to);
-    const Mask evaluated = pages.aliveMask(number) & ~pages.freshMask(number);
-    if ((evaluated & ~slots) == 0) beginScreen(number, -1);  // new ones beside them have not been looked at
-    for (const auto& [from, to] : run) {
-      Candidate c = candidate(from);
-      c.error = std::abs(c.error);  // a candidate that moves is not dormant
-      setCandidate(to, c);
-      setHash(to, hashes_[from]);
-    }
-    wakeCandidate(run.front().to, region);
-  });
-}
-
-void AdaptiveMesh::moveVertices(std::span<const Move> moves) {
-  const RegionId region = mesh_.regionOfVertex(moves.front().to);
-  for (const auto& [from, to] : moves) {
-    extras_[to] = extras_[from];
-    if (metric_ == Metric::kThesis) curvature_[to] = curvature_[from];
-  }
-  forEachPage(mesh_.vertexPages(), moves, [&](std::uint32_t, std::span<const Move> run) { wakeVertex(run.front().to, region); });
-}
-
 // ---- vertices ----
-
-// What is kept beside a vertex just inserted.
-void AdaptiveMesh::keepExtra(VertexId v, std::int32_t fineY, int level, float loss) {
-  const std::uint32_t page = mesh_.vertexPages().pageOf(v);
-  if (std::popcount(mesh_.vertexPages().aliveMask(page)) == 1) losses_[page] = {};  // what another region left there is forgotten
-  VertexExtra& extra = extras_[v];
-  extra.loss = loss;
-  extra.fineY = fineY;
-  extra.level = static_cast<std::uint32_t>(level) & 31;
-}
-
-void AdaptiveMesh::addCurvature(std::span<const VertexId> vertices) {
-  if (metric_ != Metric::kThesis) return;
-  std::vector<Step> x, z;
-  for (VertexId v : vertices) {
-    x.push_back(anchor_.x + mesh_.vertex(v).x);
-    z.push_back(anchor_.z + mesh_.vertex(v).z);
-  }
-  std::vector<float> out(vertices.size());
-  terrain::curvatures(*terrain_, x, z, Step{1} << lattice::kStepBits, out);
-  heights_ += 9 * vertices.size();
-  for (std::size_t k = 0; k < vertices.size(); ++k) curvature_[vertices[k]] = out[k];
-}
-
-std::vector<std::int32_t> AdaptiveMesh::heightsAt(std::span<const lattice::Point> points) {
-  std::vector<Step> x, z;
-  for (const lattice::Point& p : points) {
-    x.push_back(p.x);
-    z.push_back(p.z);
-  }
-  std::vector<std::int32_t> y(points.size());
-  terrain_->heightSteps(x, z, y);
-  heights_ += y.size();
-  return y;
-}
 
 triangulation::Vertex AdaptiveMesh::vertexAt(const GridPoint& p) const {
   const Point2 q = local(p.at);
@@ -193,8 +87,8 @@ void AdaptiveMesh::start(const GridPoint& a, const GridPoint& b, const GridPoint
   const auto& corners = mesh_.triangle(first).v;
   for (VertexId v : corners)
     for (const GridPoint& p : {a, b, c})
-      if (mesh_.vertex(v).point() == local(p.at)) keepExtra(v, p.y, levelAt(local(p.at)), kFixed);
-  addCurvature(corners);
+      if (mesh_.vertex(v).point() == local(p.at)) losses_.put(v, p.y, levelAt(local(p.at)), LossStore::kFixed);
+  chooser_.addCurvatures(corners, anchor_);
 }
 
 void AdaptiveMesh::insertGrid(std::span<const GridPoint> points, TriangleId& hint) {
@@ -206,7 +100,7 @@ void AdaptiveMesh::insertGrid(std::span<const GridPoint> points, TriangleId& hin
     const Change change = mesh_.insert(vertexAt(p), t, everything_, &v);
     if (change == Change::kFull) throw std::bad_alloc();
     if (change == Change::kDone) {
-      keepExtra(v, p.y, levelAt(at), kFixed);
+      losses_.put(v, p.y, levelAt(at), LossStore::kFixed);
       inserted.push_back(v);
       hint = mesh_.edgeOf(v) >> 2;
     } else {  // refinement was here before
@@ -215,13 +109,7 @@ void AdaptiveMesh::insertGrid(std::span<const GridPoint> points, TriangleId& hin
       hint = t;
     }
   }
-  addCurvature(inserted);
-}
-
-void AdaptiveMesh::setFixed(VertexId v, bool fixed) {
-  if (fixed == isFixed(v)) return;
-  extras_[v].loss = fixed ? kFixed : 0;
-  wakeVertex(v, mesh_.regionOfVertex(v));
+  chooser_.addCurvatures(inserted, anchor_);
 }
 
 void AdaptiveMesh::drop(VertexId v) {
@@ -230,11 +118,9 @@ void AdaptiveMesh::drop(VertexId v) {
 }
 
 void AdaptiveMesh::snap(VertexId v) {
-  const int level = regions_[mesh_.regionOfVertex(v)].level;
-  VertexExtra& extra = extras_[v];
-  if (static_cast<int>(extra.level) <= level + 1) return;
-  extra.level = static_cast<std::uint32_t>(level) & 31;
-  const std::int32_t y = lattice::snapHeight(extra.fineY, level);
+  const int level = stateOf(v).level;
+  if (static_cast<int>(extra(v).level) <= level + 1) return;
+  const std::int32_t y = losses_.snapTo(v, level);
   if (y == mesh_.vertex(v).y) return;
   setHeight(v, y);
   mesh_.forEachAround(v, [&](triangulation::HalfEdge h) {
@@ -245,31 +131,21 @@ void AdaptiveMesh::snap(VertexId v) {
 
 // ---- other ground ----
 
-void AdaptiveMesh::setTerrain(std::shared_ptr<const terrain::Terrain> terrain, std::span<const lattice::Area> changed) {
-  terrain_ = std::move(terrain);
-  colour_.setTerrain(terrain_);
-  changed_.assign(changed.begin(), changed.end());
-}
-
 void AdaptiveMesh::raiseVertices(RegionId region) {
   std::vector<VertexId> inside;
   std::vector<lattice::Point> places;
   if (!mesh_.vertexPages().hasRegion(region)) return;
   mesh_.vertexPages().forEach(region, [&](VertexId v) {
     const lattice::Point p = absolute(mesh_.vertex(v).point());
-    if (std::ranges::none_of(changed_, [&](const lattice::Area& a) { return a.holds(p); })) return;
+    if (std::ranges::none_of(chooser_.changed(), [&](const lattice::Area& a) { return a.holds(p); })) return;
     inside.push_back(v);
     places.push_back(p);
   });
   const std::vector<std::int32_t> heights = heightsAt(places);
-  addCurvature(inside);
+  chooser_.addCurvatures(inside, anchor_);
   for (std::size_t k = 0; k < inside.size(); ++k) {
     const VertexId v = inside[k];
-    VertexExtra& extra = extras_[v];
-    if (!isFixed(v)) extra.loss = 0;  // what it was worth says nothing any more
-    wakeVertex(v, region);
-    extra.fineY = heights[k];
-    const std::int32_t y = lattice::snapHeight(extra.fineY, static_cast<int>(extra.level));
+    const std::int32_t y = losses_.raise(v, heights[k], regions_[region]);
     if (y != mesh_.vertex(v).y) setHeight(v, y);
   }
 }
@@ -280,19 +156,60 @@ void AdaptiveMesh::refreshTriangles(RegionId region) {
   bool any = false;
   pages.forEach(region, [&](TriangleId t) {
     if (mesh_.isGhost(t)) return;
-    const lattice::Area box = boxOf(t);
-    if (std::ranges::none_of(changed_, [&](const lattice::Area& a) { return a.meets(box); })) return;
+    const auto& v = mesh_.triangle(t).v;
+    const lattice::Area box = boxOf(mesh_.vertex(v[0]), mesh_.vertex(v[1]), mesh_.vertex(v[2]), anchor_);
+    if (std::ranges::none_of(chooser_.changed(), [&](const lattice::Area& a) { return a.meets(box); })) return;
     pages.setFresh(t);
     any = true;
   });
   if (any) mesh_.markChanged(region);
 }
 
-lattice::Area AdaptiveMesh::boxOf(TriangleId t) const {
-  const auto& v = mesh_.triangle(t).v;
-  const Vertex &a = mesh_.vertex(v[0]), &b = mesh_.vertex(v[1]), &c = mesh_.vertex(v[2]);
-  return {anchor_.x + std::min({a.x, b.x, c.x}), anchor_.z + std::min({a.z, b.z, c.z}), anchor_.x + std::max({a.x, b.x, c.x}) + 1,
-          anchor_.z + std::max({a.z, b.z, c.z}) + 1};
+// ---- refinement ----
+
+std::uint32_t AdaptiveMesh::findWork(std::span<const Search> searches, const View& view, double threshold) {
+  expects(searches.size() <= 32, "a search has its bit");
+  struct Due {  // pages
+    PageList candidates, losses;
+  };
+  thread_local std::vector<Due> due;
+  if (due.size() < searches.size()) due.resize(searches.size());
+  const bool isThesis = metric_ == Metric::kThesis;
+  for (std::size_t k = 0; k < searches.size(); ++k) {
+    const auto& [region, isSeen, removalLimit, work] = searches[k];
+    due[k].candidates.clear();
+    due[k].losses.clear();
+    if (isSeen && !isThesis) candidates_.collectDue(region, regions_[region], view, skippedSlope(view, threshold), due[k].candidates);
+    losses_.collectDue(region, regions_[region], view, removalLimit, due[k].losses);
+  }
+  const auto first = [](const PageList& pages) { return std::span(pages).first(std::min(kPagesAhead, pages.size())); };
+  for (std::size_t k = 0; k < searches.size(); ++k) {
+    for (std::uint32_t page : first(due[k].candidates)) candidates_.prefetchPage(page);
+    for (std::uint32_t page : first(due[k].losses)) losses_.prefetchPage(page);
+  }
+  std::uint32_t found = 0;
+  for (std::size_t k = 0; k < searches.size(); ++k) {
+    const auto& [region, isSeen, removalLimit, work] = searches[k];
+    const bool screens = isSeen && isThesis, checks = !due[k].candidates.empty(), judges = !due[k].losses.empty();
+    if (!screens && !checks && !judges) continue;
+    if (screens) candidates_.findByThesis(region, view, threshold, work->pending);
+    if (checks) candidates_.findWanted(due[k].candidates, regions_[region], view, threshold, work->pending);
+    if (judges) {
+      work->removalLimit = removalLimit;
+      losses_.findRemovable(due[k].losses, regions_[region], view, *work);
+    }
+    if (!work->isEmpty()) found |= 1u << k;
+  }
+  return found;
+}
+
+double AdaptiveMesh::postpone(const Pending& wanted, RegionId region, const View& view, bool pageAnew) {
+  const Candidate c = candidate(wanted.triangle);
+  if (pageAnew)
+    candidates_.wake(wanted.triangle, regions_[region]);
+  else
+    candidates_.fold(wanted.triangle, c, regions_[region], view);
+  return seenError({c.point.x, c.point.z, c.y}, c.error, view);
 }
 
 // False: the change would leave the write set.
@@ -306,13 +223,13 @@ bool AdaptiveMesh::insertOne(const Pending& wanted, RegionId region, const View&
   const Change change = mesh_.insert({c.point.x, c.point.z, lattice::snapHeight(c.y, level), kNoEdge}, wanted.triangle, set, &v);
   if (change == Change::kDeferred) return false;
   if (change != Change::kDone) {
-    wakeCandidate(wanted.triangle, region);
+    candidates_.wake(wanted.triangle, regions_[region]);
     return true;
   }
-  mesh_.forEachAround(v, [&](triangulation::HalfEdge h) { prefetchEvaluation(h >> 2); });
-  keepExtra(v, c.y, level, c.error);
-  foldLoss(mesh_.vertex(v), v, c.error, mesh_.regionOfVertex(v), view);
-  addCurvature({&v, 1});
+  mesh_.forEachAround(v, [&](triangulation::HalfEdge h) { candidates_.prefetchAll(h >> 2); });
+  losses_.put(v, c.y, level, c.error);
+  losses_.fold(v, c.error, stateOf(v), view);
+  chooser_.addCurvatures({&v, 1}, anchor_);
   ++work.inserted;
   return true;
 }
@@ -337,6 +254,145 @@ void AdaptiveMesh::insertWanted(RegionId region, const View& view, WriteSet& set
 
 void AdaptiveMesh::insertDeferred(RegionId region, const View& view, Work& work) {
   for (const Pending& wanted : work.deferred) insertOne(wanted, region, view, everything_, work);
+}
+
+void AdaptiveMesh::evaluateAll(RegionId region, const View& view) {
+  TrianglePages& pages = mesh_.trianglePages();
+  pages.forEach(region, [&](TriangleId t) { pages.setFresh(t); });
+  evaluateFresh(region, &view);
+}
+
+void AdaptiveMesh::evaluateFresh(RegionId region, const View* view) {
+  thread_local std::vector<TriangleId> fresh;
+  fresh.clear();
+  const TrianglePages& pages = mesh_.trianglePages();
+  mesh_.trianglePages().takeFresh(region, [&](std::uint32_t page, TrianglePages::Mask slots) {
+    if (slots == pages.aliveMask(page)) candidates_.begin(page, view ? view->travel : -1);
+    pages.forEachIn(page, slots, [&](TriangleId t) { fresh.push_back(t); });
+  });
+  if (fresh.empty()) return;
+  RegionState& state = regions_[region];
+  const Chooser::Choice chosen = chooser_.choose(fresh, anchor_, state.level, view);
+  constexpr std::size_t kAhead = 4;
+  for (std::size_t k = 0; k < std::min(kAhead, fresh.size()); ++k) candidates_.prefetchAll(fresh[k]);
+  for (std::size_t k = 0; k < fresh.size(); ++k) {
+    if (k + kAhead < fresh.size()) candidates_.prefetchAll(fresh[k + kAhead]);
+    candidates_.put(fresh[k], chosen.candidates[k], chosen.terms[k]);
+    if (view)
+      candidates_.fold(fresh[k], chosen.candidates[k], state, *view);
+    else
+      candidates_.wake(fresh[k], state);
+  }
+  state.ground.add(chosen.seen);
+}
+
+// ---- removal ----
+//
+// A vertex goes when everything that its removal would spoil stays small on screen: its own height against the surface without it, and the
+// known candidates of its star against that surface. (Its own error alone is not enough: vertices that hold up their neighbours' candidates
+// would come and go for ever.) The largest of these is its *loss*, a vertical error that does not depend on the camera. The limit is half
+// the threshold at which vertices are inserted, so nothing flickers.
+
+void AdaptiveMesh::removeUnneeded(RegionId region, const View& view, WriteSet& set, Work& work) {
+  for (std::size_t k = 0; k < work.removable.size(); ++k) {
+    if (k + 2 < work.removable.size()) mesh_.prefetch(mesh_.edgeOf(work.removable[k + 2]) >> 2);
+    if (k + 1 < work.removable.size()) mesh_.prefetchNeighbours(mesh_.edgeOf(work.removable[k + 1]) >> 2);
+    const VertexId v = work.removable[k];
+    const Vertex& p = mesh_.vertex(v);
+    const float loss = lossOf(v, view.measure, set);
+    if (!std::isfinite(loss)) {
+      losses_.wake(v, regions_[region]);
+      continue;
+    }
+    losses_.fold(v, loss, regions_[region], view);
+    if (seenError({p.x, p.z, p.y}, loss, view) >= work.removalLimit) continue;
+    if (mesh_.apply(v, set) != Change::kDone) continue;
+    set.forEachFilled([&](TriangleId t) { candidates_.prefetchAll(t); });
+    ++work.removed;
+  }
+}
+
+// The loss in steps, times the weight of the triangle, by a plan for the removal that stays in `set` for apply(). Infinite
+// where the vertex cannot go now: it lies on the hull or beside a triangle without a candidate yet, or its star leaves the write set.
+float AdaptiveMesh::lossOf(VertexId v, const Measure& measure, triangulation::WriteSet& set) const {
+  constexpr float never = std::numeric_limits<float>::infinity();
+  if (mesh_.plan(v, set) != Change::kDone) return never;
+  for (TriangleId t : set.star()) candidates_.prefetch(t);
+  for (TriangleId t : set.star())
+    if (mesh_.isGhost(t) || mesh_.regionOf(t) == triangulation::kOutside || mesh_.trianglePages().fresh(t)) return never;
+  double worst = 0;
+  const auto judge = [&](Point2 p, double y) {
+    bool found = false;
+    set.forEachFill([&](VertexId a, VertexId b, VertexId c) {
+      if (found) return;
+      const Vertex &va = mesh_.vertex(a), &vb = mesh_.vertex(b), &vc = mesh_.vertex(c);
+      if (!triangulation::holds(va.point(), vb.point(), vc.point(), p)) return;
+      found = true;
+      worst = std::max(worst, std::abs(planeHeight(va, vb, vc, p) - y) * (measure.byArea ? measure.weight(areaOf(va, vb, vc)) : 1));
+    });
+  };
+  judge(mesh_.vertex(v).point(), extra(v).fineY);
+  for (TriangleId t : set.star())
+    if (const Candidate c = candidate(t); c.error != 0) judge(c.point, c.y);
+  if (chooser_.colour().on()) worst = std::max(worst, colourLoss(v, measure, set));
+  return static_cast<float>(worst);
+}
+
+// The same of colours, kept to a part of their bound.
+double AdaptiveMesh::colourLoss(VertexId v, const Measure& measure, const triangulation::WriteSet& set) const {
+  const ColourError& colour = chooser_.colour();
+  std::vector<Point2> points{mesh_.vertex(v).point()};
+  for (TriangleId t : set.star())
+    if (const Candidate c = candidate(t); c.error != 0) points.push_back(c.point);
+  const std::size_t judged = points.size();
+  std::vector<std::array<VertexId, 3>> fill;
+  set.forEachFill([&](VertexId a, VertexId b, VertexId c) {
+    fill.push_back({a, b, c});
+    for (const VertexId corner : fill.back()) points.push_back(mesh_.vertex(corner).point());
+  });
+  std::vector<Tint> tints(points.size());
+  colour.tints(anchor_, points, regions_[mesh_.regionOfVertex(v)].level, tints);
+  double worst = 0;
+  for (std::size_t k = 0; k < judged; ++k)
+    for (std::size_t f = 0; f < fill.size(); ++f) {
+      const Vertex &a = mesh_.vertex(fill[f][0]), &b = mesh_.vertex(fill[f][1]), &c = mesh_.vertex(fill[f][2]);
+      if (!triangulation::holds(a.point(), b.point(), c.point(), points[k])) continue;
+      const Tint* const corner = &tints[judged + 3 * f];
+      worst = std::max(worst, colour.at({{{a, corner[0]}, {b, corner[1]}, {c, corner[2]}}}, points[k], tints[k], ColourError::kKept) *
+                                  (measure.byArea ? measure.weight(areaOf(a, b, c)) : 1));
+      break;
+    }
+  return worst;
+}
+
+// ---- reading ----
+
+mesh::LeafMesh AdaptiveMesh::extract(RegionId region, lattice::LeafAddress leaf) const {
+  thread_local mesh::Extractor extractor;  // for its memory
+  mesh::LeafMesh out = extractor.extract(mesh_, region, leaf, anchor_);
+  mesh::canonicalize(out);
+  return out;
+}
+
+void AdaptiveMesh::list(RegionId region, const View& view, std::vector<ListedCandidate>& out) const {
+  mesh_.trianglePages().forEach(region, [&](TriangleId t) {
+    const Candidate c = candidate(t);
+    if (!(c.error > 0)) return;
+    const camera::Vec3 at = view.relative(c.point.x, c.point.z, c.y);
+    const double error = c.error / view.measure.weight(areaOf(mesh_, t));
+    if (!view.wide.contains(at) && !view.wide.meets(cornersOf(mesh_, view, t), error * lattice::kMetresPerStep)) return;
+    const double flat = at.x * at.x + at.z * at.z, d2 = std::max(flat + at.y * at.y, 0.25);
+    const double pixels = error * lattice::kMetresPerStep * view.pixelsPerRadian * std::sqrt(flat) / d2;
+    out.push_back({c.point, c.y, static_cast<float>(pixels)});
+  });
+}
+
+void keepWorst(std::vector<ListedCandidate>& candidates, std::size_t most) {
+  if (candidates.size() > most) {
+    std::nth_element(candidates.begin(), candidates.begin() + static_cast<std::ptrdiff_t>(most), candidates.end());
+    candidates.resize(most);
+  }
+  std::sort(candidates.begin(), candidates.end());
 }
 
 }  // namespace ridgecast::refinement

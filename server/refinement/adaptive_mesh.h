@@ -3,14 +3,14 @@
 // that changes them, so that they always match. Generation decides which regions exist, and when; the pipeline decides the views.
 //
 // A triangle's *candidate* is the point of the true terrain that would improve the mesh most there, chosen once, when the triangle is new
-// (candidates.cpp). A vertex's *loss* is the error that its removal would make (coarsening.cpp). *Fixed* vertices are never removed.
+// (chooser.h, candidate_store.h). A vertex's *loss* is the error that its removal would make (loss_store.h). *Fixed* vertices are never
+// removed.
 //
 // Positions are in steps relative to anchor(), heights in steps, absolute. Arrays grow resident with the mesh.
 //
 // Threads: calls marked "one region" touch only records of that region, so that different regions may be processed concurrently; with a
 // write set, those of its regions. Everything else: one thread, alone.
 
-#include <atomic>
 #include <memory>
 #include <span>
 #include <vector>
@@ -18,7 +18,9 @@
 #include "common/mesh/leaf_mesh.h"
 #include "common/terrain/terrain.h"
 #include "common/triangulation/triangulation.h"
-#include "server/refinement/colour_error.h"
+#include "server/refinement/candidate_store.h"
+#include "server/refinement/chooser.h"
+#include "server/refinement/loss_store.h"
 #include "server/refinement/records.h"
 #include "server/refinement/view.h"
 
@@ -81,22 +83,25 @@ class AdaptiveMesh {
   void takeFreshVertices(RegionId region, std::vector<VertexId>& out);
 
   // ---- fixed vertices ----
-  std::vector<std::int32_t> heightsAt(std::span<const lattice::Point> points);  // of the terrain; points absolute
+  // Of the terrain; points absolute.
+  std::vector<std::int32_t> heightsAt(std::span<const lattice::Point> points) { return chooser_.heightsAt(points); }
   // Starts an empty mesh.
   void start(const GridPoint& a, const GridPoint& b, const GridPoint& c);
   // Inserts points as fixed vertices, or fixes the vertices that are there. `hint`: a triangle to walk from; becomes one near the last
   // point.
   void insertGrid(std::span<const GridPoint> points, TriangleId& hint);
-  bool isFixed(VertexId v) const { return std::isinf(extras_[v].loss); }
-  void setFixed(VertexId v, bool fixed);  // one region
-  void drop(VertexId v);                  // fixed or not
+  bool isFixed(VertexId v) const { return losses_.isFixed(v); }
+  void setFixed(VertexId v, bool fixed) { losses_.setFixed(v, fixed, stateOf(v)); }  // one region
+  void drop(VertexId v);                                                             // fixed or not
   // Snaps a vertex to the level of the region that holds it, where it is more than one level off.
   void snap(VertexId v);
 
   // ---- other ground ----
   // Sets the terrain, which differs from the previous one within these areas. Call for each region that may hold a part of them, first
   // raiseVertices(), then refreshTriangles(): vertices take their new heights, triangles new candidates with the next evaluateFresh().
-  void setTerrain(std::shared_ptr<const terrain::Terrain> terrain, std::span<const lattice::Area> changed);
+  void setTerrain(std::shared_ptr<const terrain::Terrain> terrain, std::span<const lattice::Area> changed) {
+    chooser_.setTerrain(std::move(terrain), changed);
+  }
   void raiseVertices(RegionId region);     // one region
   void refreshTriangles(RegionId region);  // one region
 
@@ -133,143 +138,41 @@ class AdaptiveMesh {
 
   // ---- reading ----
   const triangulation::Triangulation& triangulation() const { return mesh_; }
-  Candidate candidate(TriangleId t) const {
-    const Candidates& four = candidates_[t / Candidates::kSlots];
-    const std::uint32_t k = t % Candidates::kSlots;
-    return {{four.x[k], four.z[k]}, four.y[k], four.error[k]};
-  }
-  PageCandidates candidatesOf(std::uint32_t page) const {
-    PageCandidates blocks;
-    for (std::uint32_t k = 0; k < blocks.size(); ++k) {
-      const std::uint32_t block = mesh_.trianglePages().blockOf(page, k);
-      blocks[k] =
-          block == triangulation::kNoSlot ? nullptr : &candidates_[block * triangulation::TrianglePages::kBlock / Candidates::kSlots];
-    }
-    return blocks;
-  }
-  const PageScreen& screen(std::uint32_t page) const { return screens_[page]; }
-  const NextCheck& nextCheck(std::uint32_t page) const { return checks_[page]; }
+  Candidate candidate(TriangleId t) const { return candidates_.at(t); }
+  const CandidateStore& candidates() const { return candidates_; }
   const NextCheck& nextRegionCheck(RegionId region) const { return regions_[region].nextCheck; }
-  const VertexExtra& extra(VertexId v) const { return extras_[v]; }
+  const VertexExtra& extra(VertexId v) const { return losses_.at(v); }
   // The region's hash (common/mesh). One region: sums again what changed.
-  std::uint64_t hash(RegionId region);
+  std::uint64_t hash(RegionId region) { return candidates_.hash(region); }
   // The region as a leaf's mesh in canonical order. Any thread.
   ridgecast::mesh::LeafMesh extract(RegionId region, lattice::LeafAddress leaf) const;
   // Appends the candidates whose triangle, or the ground over it, the view's wide frustum may see, in any order, without the dormant ones.
   // Any thread.
   void list(RegionId region, const View& view, std::vector<ListedCandidate>& out) const;
-  std::size_t memoryBytes() const;
-  std::uint64_t heights() const { return heights_.load(std::memory_order_relaxed); }  // evaluated so far
+  std::size_t memoryBytes() const { return mesh_.residentBytes() + candidates_.memoryBytes() + losses_.memoryBytes(); }
+  std::uint64_t heights() const { return chooser_.heights(); }  // evaluated so far
 
  private:
-  using Mask = triangulation::TrianglePages::Mask;
-
-  // storage and changes: adaptive_mesh.cpp
-  lattice::Area boxOf(TriangleId t) const;
   int levelAt(triangulation::Point2 p) const { return regions_[partition_.regionAt(p)].level; }
+  RegionState& stateOf(VertexId v) { return regions_[mesh_.regionOfVertex(v)]; }
   triangulation::Vertex vertexAt(const GridPoint& p) const;
   triangulation::Moves moves(std::vector<VertexId>* moved);
-  void moveTriangles(std::span<const triangulation::Move> moves);
-  void moveVertices(std::span<const triangulation::Move> moves);
   void setHeight(VertexId v, std::int32_t y) {
     mesh_.setHeight(v, y);
     mesh_.vertexPages().setFresh(v);
   }
-  void keepExtra(VertexId v, std::int32_t fineY, int level, float loss);
-  void addCurvature(std::span<const VertexId> vertices);
   bool insertOne(const Pending& wanted, RegionId region, const View& view, triangulation::WriteSet& set, Work& work);
-  // The candidate of a new triangle. The page's bounds do not know it yet.
-  void setCandidate(TriangleId t, const Candidate& c) {
-    Candidates& four = candidates_[t / Candidates::kSlots];
-    const std::uint32_t k = t % Candidates::kSlots;
-    four.x[k] = c.point.x;
-    four.z[k] = c.point.z;
-    four.y[k] = c.y;
-    four.error[k] = c.error;
-    PageScreen& screen = screens_[mesh_.trianglePages().pageOf(t)];
-    const Mask others = ~(Mask{1} << mesh_.trianglePages().indexOf(t));
-    screen.dormant &= others;
-    screen.blank &= others;
-  }
-  // The triangle's term; what the slot held before leaves the page's sum.
-  void setHash(TriangleId t, std::uint64_t term) {
-    PageScreen& page = screens_[mesh_.trianglePages().pageOf(t)];
-    const std::uint32_t k = mesh_.trianglePages().indexOf(t);
-    page.hash += term - (hashes_[t] & -(page.hashed >> k & 1));  // a branch would be unpredictable
-    page.hashed |= Mask{1} << k;
-    hashes_[t] = term;
-  }
-  // The page of a candidate or a vertex is checked next time, whatever is known of it.
-  void wakeCandidate(TriangleId t, RegionId region) {
-    const std::uint32_t page = mesh_.trianglePages().pageOf(t);
-    screens_[page].travel = -1;
-    checks_[page].travel = regions_[region].nextCheck.travel = kAlways;
-  }
-  void wakeVertex(VertexId v, RegionId region) {
-    PageLosses& page = losses_[mesh_.vertexPages().pageOf(v)];
-    page.travel = -1;
-    page.nextCheck = regions_[region].nextLossCheck = kAlways;
-  }
-
-  // candidates.cpp
-  struct Scratch;
-  void takeFresh(RegionId region, const View* view, Scratch& scratch);
-  void readBatch(std::size_t begin, std::size_t count, Scratch& scratch);
-  void tryPoints(std::size_t begin, std::size_t count, int bits, const View* closely, Scratch& scratch) const;
-  void tryChanged(std::uint32_t slot, int bits, Scratch& scratch) const;
-  void tryThesisPoint(std::uint32_t slot, int bits, Scratch& scratch) const;
-  void judgeTrials(int level, const View* closely, Scratch& scratch);
-  void judgeColours(int level, Scratch& scratch);
-  void storeCandidates(RegionId region, const View* view, Scratch& scratch);
-  void beginScreen(std::uint32_t page, double travel);
-  void prefetchCandidate(TriangleId t) const { __builtin_prefetch(&candidates_[t / Candidates::kSlots], 1); }
-  // What evaluateFresh() will write of a new triangle.
-  void prefetchEvaluation(TriangleId t) const {
-    prefetchCandidate(t);
-    __builtin_prefetch(&hashes_[t], 1);
-    __builtin_prefetch(&screens_[mesh_.trianglePages().pageOf(t)], 1);
-  }
-  float& errorOf(TriangleId t) { return candidates_[t / Candidates::kSlots].error[t % Candidates::kSlots]; }
-  void prefetchRecords(std::size_t k, const Scratch& scratch) const;
-  void prefetchCorners(std::size_t k, const Scratch& scratch) const;
-
-  // screening.cpp
-  using PageList = std::vector<std::uint32_t>;
-  void prefetchCandidates(std::uint32_t page) const;
-  void screenPixels(RegionId region, const PageList& due, const View& view, double threshold, std::vector<Pending>& out);
-  void screenThesis(RegionId region, const View& view, double threshold, std::vector<Pending>& out) const;
-  void collectDue(RegionId region, const View& view, double skipped, PageList& due);
-  void checkPage(std::uint32_t page, const View& view, double threshold, std::vector<TriangleId>& wanted);
-  void wakeDormant(std::uint32_t page);
-  void blankDead(std::uint32_t page, Mask alive);
-  void judgeWanted(const std::vector<TriangleId>& wanted, const View& view, std::vector<Pending>& out);
-
-  // coarsening.cpp
-  void prefetchVertices(std::uint32_t page) const;
-  void collectDueLosses(RegionId region, const View& view, double removalLimit, PageList& due);
-  void findRemovable(RegionId region, const PageList& due, const View& view, Work& work);
-  void checkLosses(std::uint32_t page, const View& view, double slope, std::vector<VertexId>& out);
-  void foldLoss(const triangulation::Vertex& p, VertexId v, float loss, RegionId region, const View& view);
   float lossOf(VertexId v, const Measure& measure, triangulation::WriteSet& set) const;
   double colourLoss(VertexId v, const Measure& measure, const triangulation::WriteSet& set) const;
 
   triangulation::Triangulation mesh_;
   const triangulation::Partition& partition_;
-  std::shared_ptr<const terrain::Terrain> terrain_;
   Metric metric_;
-  ColourError colour_;
-  std::vector<lattice::Area> changed_;  // where the terrain differs from the one before
   lattice::Point anchor_;
-
-  triangulation::Records<Candidates> candidates_;  // by four triangles
-  triangulation::Records<NextCheck> checks_;       // by page of triangles
-  triangulation::Records<PageScreen> screens_;     // by page of triangles
-  triangulation::Records<std::uint64_t> hashes_;   // by triangle: its term of its leaf's hash (common/mesh)
-  triangulation::Records<PageLosses> losses_;      // by page of vertices
-  triangulation::Records<VertexExtra> extras_;     // by vertex
-  triangulation::Records<float> curvature_;        // by vertex, metres; of no length but for kThesis
-  std::vector<RegionState> regions_;               // by region; as long as the largest id needs
-  std::atomic<std::uint64_t> heights_{0};
+  CandidateStore candidates_;
+  LossStore losses_;
+  Chooser chooser_;
+  std::vector<RegionState> regions_;  // by region; as long as the largest id needs
   triangulation::WriteSet everything_;
 };
 

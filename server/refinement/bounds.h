@@ -30,7 +30,7 @@
 //     error / (d - m)^p                   <=  steepest (nearest / (nearest - m))^p                                   or
 //     error (f + m) / (d - m)^(p + 1)     <=  (seen + steepest m / nearest) (nearest / (nearest - m))^(p + 1)
 // times the view's gain is below it; p is Measure::power(). The way travelled since the check bounds m. New candidates are folded into the
-// bounds of their page. For losses (coarsening.cpp) the same holds with the limit below: none of a page's other vertices can come below it
+// bounds of their page. For losses (loss_store.h) the same holds with the limit below: none of a page's other vertices can come below it
 // while
 //     leastSlope (1 - m / flat) / (1 + m / nearest)^(p + 1)  >  limit / gain,
 // for which leastSlope (1 - m (1 / flat + (p + 1) / nearest)) is enough.
@@ -78,33 +78,6 @@ inline constexpr std::size_t kPagesAhead = 2;
 inline void join(NextCheck& earliest, const NextCheck& next) {
   earliest.travel = std::min(earliest.travel, next.travel);
   earliest.turn = std::min(earliest.turn, next.turn);
-}
-
-// A new candidate enters its page's bounds.
-inline void foldCandidate(NextCheck& next, PageScreen& page, RegionState& region, const Candidate& c, const View& view) {
-  if (page.travel >= 0) {
-    const auto moved = static_cast<float>(view.travel - page.travel);
-    if (2 * moved >= page.nearest) {
-      page.travel = -1;
-    } else {
-      if (moved > 0) {  // the bounds as they are after that way
-        const float closer = page.nearest / (page.nearest - moved);
-        const float faster = view.measure.reach(closer);
-        page.seen = (page.seen + page.steepest * moved / page.nearest) * faster * closer;
-        page.steepest *= faster;
-        page.nearest -= moved;
-        page.travel = view.travel;
-      }
-      const float dx = static_cast<float>(c.point.x - view.x), dz = static_cast<float>(c.point.z - view.z),
-                  dy = static_cast<float>(c.y) - view.y;
-      const float flat = dx * dx + dz * dz, d = std::max(std::sqrt(flat + dy * dy), kNearest), steep = c.error / view.measure.reach(d);
-      page.steepest = std::max(page.steepest, steep);
-      page.seen = std::max(page.seen, steep * std::sqrt(flat) / d);
-      page.nearest = std::min(page.nearest, d);
-    }
-    setNextCheck(next, page, region.skipped, view);
-  }
-  join(region.nextCheck, next);
 }
 
 }  // namespace ridgecast::refinement

@@ -9,7 +9,7 @@
 //          covers more of the picture counts for more. The fewest triangles for a picture; no promise about any one pixel.
 // kThesis  (area in normalised device coordinates)^0.5 x 40 x (distance in normalised device coordinates), Cavallin and Pettersson 2019,
 //          algorithm 6, with the constants of their published program. A triangle that reaches behind the camera counts as large as the
-//          picture. AdaptiveMesh::screenThesis() measures it.
+//          picture. CandidateStore::findByThesis() measures it.
 
 #include <array>
 #include <cmath>

@@ -7,12 +7,15 @@
 #include <algorithm>
 #include <cstdint>
 #include <limits>
+#include <span>
 #include <vector>
 
 #include "common/lattice/lattice.h"
 #include "common/triangulation/triangulation.h"
 
 namespace ridgecast::refinement {
+
+using PageList = std::vector<std::uint32_t>;
 
 // Where slots without a candidate lie, so that they are never nearest; steps, and its fourth power fits a float.
 inline constexpr std::int32_t kFarAway = 1 << 29;
@@ -87,6 +90,18 @@ struct VertexExtra {
   std::uint32_t level : 5;  // that the mesh's vertex is snapped to
 };
 static_assert(sizeof(VertexExtra) == 8 && lattice::kMaxHeight < (1 << 26));
+
+// visit(page, run) for every run of moves to one page.
+template <class Storage, class F>
+void forEachPage(const Storage& pages, std::span<const triangulation::Move> moves, F&& visit) {
+  while (!moves.empty()) {
+    const std::uint32_t page = pages.pageOf(moves.front().to);
+    const auto end = std::find_if(moves.begin(), moves.end(), [&](const auto& move) { return pages.pageOf(move.to) != page; });
+    const auto count = static_cast<std::size_t>(end - moves.begin());
+    visit(page, moves.first(count));
+    moves = moves.subspan(count);
+  }
+}
 
 // A wanted candidate.
 struct Pending {

@@ -1,8 +1,10 @@
 #pragma once
 // Geometry of one triangle of the mesh. Steps.
 
+#include <algorithm>
 #include <cmath>
 
+#include "common/lattice/lattice.h"
 #include "common/triangulation/triangulation.h"
 
 namespace ridgecast::refinement {
@@ -39,6 +41,13 @@ inline double areaOf(const triangulation::Vertex& a, const triangulation::Vertex
 inline double areaOf(const triangulation::Triangulation& mesh, triangulation::TriangleId t) {
   const auto& v = mesh.triangle(t).v;
   return areaOf(mesh.vertex(v[0]), mesh.vertex(v[1]), mesh.vertex(v[2]));
+}
+
+// Absolute; it holds the corners.
+inline lattice::Area boxOf(const triangulation::Vertex& a, const triangulation::Vertex& b, const triangulation::Vertex& c,
+                           lattice::Point anchor) {
+  return {anchor.x + std::min({a.x, b.x, c.x}), anchor.z + std::min({a.z, b.z, c.z}), anchor.x + std::max({a.x, b.x, c.x}) + 1,
+          anchor.z + std::max({a.z, b.z, c.z}) + 1};
 }
 
 }  // namespace ridgecast::refinement

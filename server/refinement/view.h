@@ -54,7 +54,7 @@ struct View {
   bool moving;   // candidates are then inserted up to kSlack late (bounds.h); at rest, exactly
   Measure measure;
   double gain;         // the measure's
-  double closely = 0;  // pixels: points no farther apart are tried in what is drawn (candidates.cpp); 0: the same few in each triangle
+  double closely = 0;  // pixels: points no farther apart are tried in what is drawn (chooser.cpp); 0: the same few in each triangle
   const Horizon* horizon = nullptr;  // not with Metric::kThesis; null: nothing is hidden
   double wakeMove() const { return kWakeMove * spare; }
   double wakeTurn() const { return kWakeTurn * spare; }

@@ -88,14 +88,12 @@ void answersAsAModelDoes() {
           }
           break;
         case 4: {  // evaluation: every page with fresh slots is told of, once
-          std::set<std::uint32_t> told, seen;
-          pages.takeFreshPages(id, [&](std::uint32_t page) { EXPECT_TRUE(told.insert(page).second); });
-          for (std::uint32_t slot : region.fresh) {
-            EXPECT_TRUE(told.erase(pages.pageOf(slot)) || seen.count(pages.pageOf(slot))) << "slot " << slot;
-            seen.insert(pages.pageOf(slot));
-            pages.clearFresh(slot);
-          }
-          EXPECT_TRUE(told.empty());
+          std::set<std::uint32_t> told, slots;
+          pages.takeFresh(id, [&](std::uint32_t page, TrianglePages::Mask fresh) {
+            EXPECT_TRUE(fresh != 0 && told.insert(page).second);
+            pages.forEachIn(page, fresh, [&](std::uint32_t slot) { slots.insert(slot); });
+          });
+          EXPECT_EQ(slots, region.fresh);
           region.fresh.clear();
           pages.clearChanged(id);
           region.changed = false;
@@ -161,7 +159,7 @@ TEST(Pages, RememberLittleOfPagesThatCameAndWent) {
     if (round % 100 == 99) {
       std::size_t told = 0, expected = 0;
       for (std::uint32_t page : pages.pagesOf(kOutside)) expected += pages.freshMask(page) != 0;
-      pages.takeFreshPages(kOutside, [&](std::uint32_t) { ++told; });
+      pages.takeFresh(kOutside, [&](std::uint32_t, TrianglePages::Mask) { ++told; });
       EXPECT_EQ(told, expected);
       pages.drain(kOutside);
     }

@@ -61,8 +61,8 @@ TEST(Screening, AFormerRegionsBoundsAreForgotten) {
   used.mesh.findWork({{{region, true, 0, &work}}}, earlier, 6);
   bool dormant = false;
   for (std::uint32_t page : used.pages()) {
-    EXPECT_EQ(used.mesh.screen(page).travel, 990);
-    dormant = dormant || used.mesh.screen(page).dormant != 0;
+    EXPECT_EQ(used.mesh.candidates().screen(page).travel, 990);
+    dormant = dormant || used.mesh.candidates().screen(page).dormant != 0;
   }
   ASSERT_TRUE(dormant);
   const std::vector<std::uint32_t> before = used.pages();
@@ -77,9 +77,9 @@ TEST(Screening, AFormerRegionsBoundsAreForgotten) {
   used.mesh.evaluateFresh(used.square.region, &view);
   for (std::size_t n = 0; n < clean.pages().size(); ++n) {
     const std::uint32_t c = clean.pages()[n], u = used.pages()[n];
-    const PageScreen &a = clean.mesh.screen(c), &b = used.mesh.screen(u);
-    EXPECT_EQ(clean.mesh.nextCheck(c).travel, used.mesh.nextCheck(u).travel);
-    EXPECT_EQ(clean.mesh.nextCheck(c).turn, used.mesh.nextCheck(u).turn);
+    const PageScreen &a = clean.mesh.candidates().screen(c), &b = used.mesh.candidates().screen(u);
+    EXPECT_EQ(clean.mesh.candidates().nextCheck(c).travel, used.mesh.candidates().nextCheck(u).travel);
+    EXPECT_EQ(clean.mesh.candidates().nextCheck(c).turn, used.mesh.candidates().nextCheck(u).turn);
     EXPECT_EQ(a.travel, b.travel);
     EXPECT_EQ(a.steepest, b.steepest);
     EXPECT_EQ(a.seen, b.seen);
@@ -140,7 +140,7 @@ TEST_P(Screenings, SkipNothingThatIsWanted) {
     const View view(camera, {0, 0}, travel, 0, false);
     if (step == 0)
       for (World* world : {&remembers, &forgets}) world->mesh.evaluateFresh(region, &view);
-    for (std::uint32_t page : forgets.pages()) pagesSkipped += remembers.mesh.nextCheck(page).travel > travel;
+    for (std::uint32_t page : forgets.pages()) pagesSkipped += remembers.mesh.candidates().nextCheck(page).travel > travel;
     forgets.mesh.triangulation().trianglePages().forEach(region, [&](TriangleId t) {
       forgets.mesh.postpone({t, {}, 0}, region, view, true);
     });
@@ -158,7 +158,7 @@ TEST_P(Screenings, SkipNothingThatIsWanted) {
       }
       // Those dormant, for being specks or off the picture, may wake up a little later.
       const auto& pages = remembers.mesh.triangulation().trianglePages();
-      EXPECT_TRUE((remembers.mesh.screen(pages.pageOf(p.triangle)).dormant >> pages.indexOf(p.triangle)) & 1) << "step " << step;
+      EXPECT_TRUE((remembers.mesh.candidates().screen(pages.pageOf(p.triangle)).dormant >> pages.indexOf(p.triangle)) & 1) << "step " << step;
       ++late;
     }
     EXPECT_EQ(next, known.pending.end()) << "step " << step;

@@ -8,21 +8,23 @@
 // Few points miss what is narrow, ridges and walls. A view that looks closely (View::closely) tries points all over the triangle in the
 // directions that it draws, and keeps the one whose error it sees most of. Ground narrower than the distance between those points may still
 // be missed.
+#include "server/refinement/chooser.h"
+
 #include <algorithm>
 #include <array>
-#include <bit>
 #include <cmath>
 
+#include "common/mesh/leaf_mesh.h"
+#include "common/outcome/contract.h"
 #include "common/terrain/vector_clones.h"
-#include "server/refinement/adaptive_mesh.h"
-#include "server/refinement/bounds.h"
 #include "server/refinement/triangle.h"
 
 namespace ridgecast::refinement {
 
 using triangulation::Point2;
-using triangulation::TrianglePages;
+using triangulation::TriangleId;
 using triangulation::Vertex;
+using triangulation::VertexId;
 
 namespace {
 
@@ -86,7 +88,7 @@ bool admissible(const Vertex& a, const Vertex& b, const Vertex& c, Point2 p) {
 }
 
 struct Trial {
-  std::uint32_t slot;  // of the triangle in `fresh`
+  std::uint32_t slot;  // of the triangle in the list
   Point2 point;
   float y;  // steps, of the mesh there
 };
@@ -155,87 +157,102 @@ float asSeen(const View& view, Point2 p, std::int32_t y, float onMesh, float err
 
 }  // namespace
 
-struct AdaptiveMesh::Scratch {
+struct Chooser::Scratch {  // grown once, kept by the worker
+  std::span<const TriangleId> triangles;
+  lattice::Point anchor;
+  int level, bits;
   Batch batch;
-  std::vector<TriangleId> fresh;
   std::vector<Trial> trials;  // those of a triangle together
   std::vector<lattice::Step> x, z;
   std::vector<std::int32_t> y;
   std::vector<Candidate> best;
+  std::vector<std::uint64_t> terms;
   std::vector<Point2> points;
   std::vector<Tint> tints;
   std::vector<float> smeared;  // of each trial, steps: what its colour counts for; empty: nothing
 };
 
-// Nothing is in the page yet that its bounds or its sum must hold for. What its former region left there is forgotten: which pages a region
-// gets depends on threads, and what is done next may not.
-void AdaptiveMesh::beginScreen(std::uint32_t page, double travel) {
-  constexpr double never = std::numeric_limits<double>::infinity();
-  checks_[page] = {never, never};
-  screens_[page] = {travel, 0, 0, std::numeric_limits<float>::max(), 0, 0, 0, 0, 0, 0};
+Chooser::Chooser(const triangulation::Triangulation& mesh, std::shared_ptr<const terrain::Terrain> terrain, Metric metric,
+                 double colourError)
+    : mesh_(mesh),
+      terrain_(std::move(terrain)),
+      metric_(metric),
+      colour_(terrain_, colourError),
+      curvatures_(metric == Metric::kThesis ? mesh.vertexCapacity() : 0) {}
+
+void Chooser::setTerrain(std::shared_ptr<const terrain::Terrain> terrain, std::span<const lattice::Area> changed) {
+  terrain_ = std::move(terrain);
+  colour_.setTerrain(terrain_);
+  changed_.assign(changed.begin(), changed.end());
 }
 
-inline void AdaptiveMesh::prefetchRecords(std::size_t k, const Scratch& scratch) const {
-  if (k >= scratch.fresh.size()) return;
-  mesh_.prefetch(scratch.fresh[k]);
-  __builtin_prefetch(&hashes_[scratch.fresh[k]], 1);
+std::vector<std::int32_t> Chooser::heightsAt(std::span<const lattice::Point> points) {
+  std::vector<lattice::Step> x, z;
+  for (const lattice::Point& p : points) {
+    x.push_back(p.x);
+    z.push_back(p.z);
+  }
+  std::vector<std::int32_t> y(points.size());
+  terrain_->heightSteps(x, z, y);
+  heights_ += y.size();
+  return y;
 }
 
-inline void AdaptiveMesh::prefetchCorners(std::size_t k, const Scratch& scratch) const {
-  if (k < scratch.fresh.size()) mesh_.prefetchCorners(scratch.fresh[k]);
+void Chooser::addCurvatures(std::span<const VertexId> vertices, lattice::Point anchor) {
+  if (metric_ != Metric::kThesis) return;
+  std::vector<lattice::Step> x, z;
+  for (VertexId v : vertices) {
+    x.push_back(anchor.x + mesh_.vertex(v).x);
+    z.push_back(anchor.z + mesh_.vertex(v).z);
+  }
+  std::vector<float> out(vertices.size());
+  terrain::curvatures(*terrain_, x, z, lattice::Step{1} << lattice::kStepBits, out);
+  heights_ += 9 * vertices.size();
+  for (std::size_t k = 0; k < vertices.size(); ++k) curvatures_[vertices[k]] = out[k];
 }
 
-void AdaptiveMesh::evaluateAll(RegionId region, const View& view) {
-  TrianglePages& pages = mesh_.trianglePages();
-  pages.forEach(region, [&](TriangleId t) { pages.setFresh(t); });
-  evaluateFresh(region, &view);
+void Chooser::moveCurvatures(std::span<const triangulation::Move> moves) {
+  if (metric_ != Metric::kThesis) return;
+  for (const auto& [from, to] : moves) curvatures_[to] = curvatures_[from];
 }
 
-void AdaptiveMesh::evaluateFresh(RegionId region, const View* view) {
-  thread_local Scratch scratch;  // grown once, kept by the worker
-  takeFresh(region, view, scratch);
-  if (scratch.fresh.empty()) return;
-  const int level = regions_[region].level, bits = lattice::horizontalBits(level);
+Chooser::Choice Chooser::choose(std::span<const TriangleId> triangles, lattice::Point anchor, int level, const View* view) {
+  thread_local Scratch scratch;
+  scratch.triangles = triangles;
+  scratch.anchor = anchor;
+  scratch.level = level;
+  scratch.bits = lattice::horizontalBits(level);
+  scratch.trials.clear();
+  scratch.terms.resize(triangles.size());
   const View* const closely = metric_ != Metric::kThesis && view && view->closely > 0 ? view : nullptr;
-  for (std::size_t k = 0; k < kRecordsAhead; ++k) prefetchRecords(k, scratch);
-  for (std::size_t k = 0; k < kCornersAhead; ++k) prefetchCorners(k, scratch);
-  for (std::size_t begin = 0; begin < scratch.fresh.size(); begin += kBatch) {
-    const std::size_t count = std::min(kBatch, scratch.fresh.size() - begin);
+  for (std::size_t k = 0; k < std::min(kRecordsAhead, triangles.size()); ++k) mesh_.prefetch(triangles[k]);
+  for (std::size_t k = 0; k < std::min(kCornersAhead, triangles.size()); ++k) mesh_.prefetchCorners(triangles[k]);
+  for (std::size_t begin = 0; begin < triangles.size(); begin += kBatch) {
+    const std::size_t count = std::min(kBatch, triangles.size() - begin);
     readBatch(begin, count, scratch);
     if (metric_ == Metric::kThesis) {
-      for (std::size_t i = 0; i < count; ++i) tryThesisPoint(static_cast<std::uint32_t>(begin + i), bits, scratch);
+      for (std::size_t i = 0; i < count; ++i) tryThesisPoint(static_cast<std::uint32_t>(begin + i), scratch);
     } else {
-      choosePoints(scratch.batch, static_cast<int>(count), bits);
-      tryPoints(begin, count, bits, closely, scratch);
+      choosePoints(scratch.batch, static_cast<int>(count), scratch.bits);
+      tryPoints(begin, count, closely, scratch);
     }
   }
-  judgeTrials(level, closely, scratch);
-  storeCandidates(region, view, scratch);
+  judgeTrials(closely, scratch);
+  HeightRange seen;
+  for (const std::int32_t y : scratch.y) seen.add({y, y});
+  return {scratch.best, scratch.terms, seen};
 }
 
-void AdaptiveMesh::takeFresh(RegionId region, const View* view, Scratch& scratch) {
-  scratch.fresh.clear();
-  scratch.trials.clear();
-  TrianglePages& pages = mesh_.trianglePages();
-  pages.takeFreshPages(region, [&](std::uint32_t page) {
-    __builtin_prefetch(&screens_[page], 1);
-    __builtin_prefetch(&checks_[page], 1);
-    const Mask mask = pages.freshMask(page);
-    if (mask == pages.aliveMask(page)) beginScreen(page, view ? view->travel : -1);
-    pages.forEachIn(page, mask, [&](TriangleId t) { scratch.fresh.push_back(t); });
-  });
-}
-
-// Corners into the batch, hashes. Records lie anywhere in memory: they are fetched some triangles ahead of the one at hand.
-inline void AdaptiveMesh::readBatch(std::size_t begin, std::size_t count, Scratch& scratch) {
+// Corners into the batch, terms. Records lie anywhere in memory: they are fetched some triangles ahead of the one at hand.
+inline void Chooser::readBatch(std::size_t begin, std::size_t count, Scratch& scratch) const {
   Batch& batch = scratch.batch;
-  const auto hashOf = [this](const Vertex& p) { return mesh::hashVertex({anchor_.x + p.x, anchor_.z + p.z, p.y}); };
+  const std::span<const TriangleId> triangles = scratch.triangles;
+  const auto hashOf = [&scratch](const Vertex& p) { return mesh::hashVertex({scratch.anchor.x + p.x, scratch.anchor.z + p.z, p.y}); };
   for (std::size_t i = 0; i < count; ++i) {
-    const TriangleId t = scratch.fresh[begin + i];
-    prefetchRecords(begin + i + kRecordsAhead, scratch);
-    prefetchCorners(begin + i + kCornersAhead, scratch);
-    mesh_.trianglePages().clearFresh(t);
-    const auto& v = mesh_.triangle(t).v;
+    const std::size_t k = begin + i;
+    if (k + kRecordsAhead < triangles.size()) mesh_.prefetch(triangles[k + kRecordsAhead]);
+    if (k + kCornersAhead < triangles.size()) mesh_.prefetchCorners(triangles[k + kCornersAhead]);
+    const auto& v = mesh_.triangle(triangles[k]).v;
     const Vertex &a = mesh_.vertex(v[0]), &b = mesh_.vertex(v[1]), &c = mesh_.vertex(v[2]);
     batch.ax[i] = a.x, batch.az[i] = a.z, batch.ay[i] = a.y;
     batch.bx[i] = b.x, batch.bz[i] = b.z, batch.by[i] = b.y;
@@ -244,11 +261,11 @@ inline void AdaptiveMesh::readBatch(std::size_t begin, std::size_t count, Scratc
     const bool ab = triangulation::smaller(a.point(), b.point()), ac = triangulation::smaller(a.point(), c.point()),
                bc = triangulation::smaller(b.point(), c.point());
     const bool aFirst = ab & ac, bFirst = !ab & bc;
-    setHash(t, mesh::hashMixed(aFirst ? ma : bFirst ? mb : mc, aFirst ? mb : bFirst ? mc : ma, aFirst ? mc : bFirst ? ma : mb));
+    scratch.terms[k] = mesh::hashMixed(aFirst ? ma : bFirst ? mb : mc, aFirst ? mb : bFirst ? mc : ma, aFirst ? mc : bFirst ? ma : mb);
   }
 }
 
-inline void AdaptiveMesh::tryPoints(std::size_t begin, std::size_t count, int bits, const View* closely, Scratch& scratch) const {
+inline void Chooser::tryPoints(std::size_t begin, std::size_t count, const View* closely, Scratch& scratch) const {
   const Batch& batch = scratch.batch;
   std::vector<Trial>& trials = scratch.trials;
   for (std::size_t i = 0; i < count; ++i) {
@@ -257,7 +274,7 @@ inline void AdaptiveMesh::tryPoints(std::size_t begin, std::size_t count, int bi
     for (unsigned k = 0; k < kPoints; ++k) {
       const Point2 p{batch.px[k][i], batch.pz[k][i]};
       if (batch.roomy[i] <= 0) {
-        const auto& v = mesh_.triangle(scratch.fresh[slot]).v;
+        const auto& v = mesh_.triangle(scratch.triangles[slot]).v;
         if (!admissible(mesh_.vertex(v[0]), mesh_.vertex(v[1]), mesh_.vertex(v[2]), p)) continue;
         if (std::any_of(trials.begin() + static_cast<std::ptrdiff_t>(first), trials.end(),
                         [&](const Trial& other) { return other.point == p; }))
@@ -265,18 +282,19 @@ inline void AdaptiveMesh::tryPoints(std::size_t begin, std::size_t count, int bi
       }
       trials.push_back({slot, p, batch.y[k][i]});
     }
-    if (!changed_.empty()) tryChanged(slot, bits, scratch);
-    if (closely) lookClosely(mesh_, scratch.fresh[slot], slot, bits, *closely, trials);
+    if (!changed_.empty()) tryChanged(slot, scratch);
+    if (closely) lookClosely(mesh_, scratch.triangles[slot], slot, scratch.bits, *closely, trials);
   }
 }
 
 // An edit may be far narrower than the triangle that it lies in: points of its own are tried, too.
-void AdaptiveMesh::tryChanged(std::uint32_t slot, int bits, Scratch& scratch) const {
+void Chooser::tryChanged(std::uint32_t slot, Scratch& scratch) const {
   constexpr int kAcross = 6;
   constexpr lattice::Step kNarrow = 1 << 18;  // wider ones are found without
-  const lattice::Area box = boxOf(scratch.fresh[slot]);
-  const auto& v = mesh_.triangle(scratch.fresh[slot]).v;
+  const int bits = scratch.bits;
+  const auto& v = mesh_.triangle(scratch.triangles[slot]).v;
   const Vertex &a = mesh_.vertex(v[0]), &b = mesh_.vertex(v[1]), &c = mesh_.vertex(v[2]);
+  const lattice::Area box = boxOf(a, b, c, scratch.anchor);
   for (const lattice::Area& area : changed_) {
     if (!area.meets(box) || area.x1 - area.x0 > kNarrow || area.z1 - area.z0 > kNarrow) continue;
     const lattice::Point low{std::max(area.x0, box.x0), std::max(area.z0, box.z0)},
@@ -287,17 +305,18 @@ void AdaptiveMesh::tryChanged(std::uint32_t slot, int bits, Scratch& scratch) co
           const lattice::Step at = from + (to - from) * (2 * k + 1) / (2 * kAcross);
           return static_cast<double>(at);
         };
-        const Point2 p{snapTo(along(low.x, high.x, i) - static_cast<double>(anchor_.x), bits, halfOf(bits)),
-                       snapTo(along(low.z, high.z, j) - static_cast<double>(anchor_.z), bits, halfOf(bits))};
+        const Point2 p{snapTo(along(low.x, high.x, i) - static_cast<double>(scratch.anchor.x), bits, halfOf(bits)),
+                       snapTo(along(low.z, high.z, j) - static_cast<double>(scratch.anchor.z), bits, halfOf(bits))};
         if (admissible(a, b, c, p)) scratch.trials.push_back({slot, p, static_cast<float>(planeHeight(a, b, c, p))});
       }
   }
 }
 
-void AdaptiveMesh::tryThesisPoint(std::uint32_t slot, int bits, Scratch& scratch) const {
-  const auto& v = mesh_.triangle(scratch.fresh[slot]).v;
+void Chooser::tryThesisPoint(std::uint32_t slot, Scratch& scratch) const {
+  const int bits = scratch.bits;
+  const auto& v = mesh_.triangle(scratch.triangles[slot]).v;
   const Vertex &a = mesh_.vertex(v[0]), &b = mesh_.vertex(v[1]), &c = mesh_.vertex(v[2]);
-  const double wa = curvature_[v[0]] + 1e-6, wb = curvature_[v[1]] + 1e-6, wc = curvature_[v[2]] + 1e-6, w = wa + wb + wc;
+  const double wa = curvatures_[v[0]] + 1e-6, wb = curvatures_[v[1]] + 1e-6, wc = curvatures_[v[2]] + 1e-6, w = wa + wb + wc;
   const double sx = double(a.x) + b.x + c.x, sz = double(a.z) + b.z + c.z;
   const Point2 p{snapTo(0.4 * sx / 3 + 0.6 * (wa * a.x + wb * b.x + wc * c.x) / w, bits, halfOf(bits)),
                  snapTo(0.4 * sz / 3 + 0.6 * (wa * a.z + wb * b.z + wc * c.z) / w, bits, halfOf(bits))};
@@ -305,21 +324,24 @@ void AdaptiveMesh::tryThesisPoint(std::uint32_t slot, int bits, Scratch& scratch
 }
 
 // The worst of each triangle's points, by the terrain's heights there.
-inline void AdaptiveMesh::judgeTrials(int level, const View* closely, Scratch& scratch) {
-  auto& [batch, fresh, trials, px, pz, py, best, points, tints, smeared] = scratch;
+inline void Chooser::judgeTrials(const View* closely, Scratch& scratch) {
+  const std::vector<Trial>& trials = scratch.trials;
+  auto &px = scratch.x, &pz = scratch.z;
+  auto& py = scratch.y;
+  std::vector<Candidate>& best = scratch.best;
   px.resize(trials.size());
   pz.resize(trials.size());
   py.resize(trials.size());
   for (std::size_t k = 0; k < trials.size(); ++k) {
-    px[k] = anchor_.x + trials[k].point.x;
-    pz[k] = anchor_.z + trials[k].point.z;
+    px[k] = scratch.anchor.x + trials[k].point.x;
+    pz[k] = scratch.anchor.z + trials[k].point.z;
   }
   terrain_->heightSteps(px, pz, py);
   heights_.fetch_add(trials.size(), std::memory_order_relaxed);
-  smeared.clear();  // the worker may have done another camera's mesh before
-  if (colour_.on()) judgeColours(level, scratch);
-  best.assign(fresh.size(), {{0, 0}, 0, 0.0f});
-  const auto errorAt = [&scratch, level](std::size_t k) {  // Clang 14 captures no structured bindings
+  scratch.smeared.clear();  // the worker may have done another camera's mesh before
+  if (colour_.on()) judgeColours(scratch);
+  best.assign(scratch.triangles.size(), {{kFarAway, kFarAway}, kFarAway, 0.0f});
+  const auto errorAt = [&scratch, level = scratch.level](std::size_t k) {
     const float error = std::abs(scratch.trials[k].y - static_cast<float>(lattice::snapHeight(scratch.y[k], level)));
     return scratch.smeared.empty() ? error : std::max(error, scratch.smeared[k]);
   };
@@ -335,48 +357,28 @@ inline void AdaptiveMesh::judgeTrials(int level, const View* closely, Scratch& s
     if (most > 0) best[slot] = {trials[worst].point, py[worst], errorAt(worst)};
   }
   if (const Measure measure(metric_); measure.byArea)
-    for (std::size_t k = 0; k < fresh.size(); ++k) best[k].error *= static_cast<float>(measure.weight(areaOf(mesh_, fresh[k])));
+    for (std::size_t k = 0; k < best.size(); ++k) best[k].error *= static_cast<float>(measure.weight(areaOf(mesh_, scratch.triangles[k])));
 }
 
 // What the colours of the trials count for.
-void AdaptiveMesh::judgeColours(int level, Scratch& scratch) {
+void Chooser::judgeColours(Scratch& scratch) const {
   auto& points = scratch.points;
   points.clear();
-  for (const TriangleId t : scratch.fresh)
+  for (const TriangleId t : scratch.triangles)
     for (const VertexId v : mesh_.triangle(t).v) points.push_back(mesh_.vertex(v).point());
   for (const Trial& trial : scratch.trials) points.push_back(trial.point);
   scratch.tints.resize(points.size());
-  colour_.tints(anchor_, points, level, scratch.tints);
+  colour_.tints(scratch.anchor, points, scratch.level, scratch.tints);
   scratch.smeared.resize(scratch.trials.size());
   const Tint* const of = scratch.tints.data();
   for (std::size_t k = 0; k < scratch.trials.size(); ++k) {
     const Trial& trial = scratch.trials[k];
-    const auto& v = mesh_.triangle(scratch.fresh[trial.slot]).v;
+    const auto& v = mesh_.triangle(scratch.triangles[trial.slot]).v;
     const Tint* const corner = of + 3 * trial.slot;
     scratch.smeared[k] =
         static_cast<float>(colour_.at({{{mesh_.vertex(v[0]), corner[0]}, {mesh_.vertex(v[1]), corner[1]}, {mesh_.vertex(v[2]), corner[2]}}},
-                                      trial.point, of[3 * scratch.fresh.size() + k]));
+                                      trial.point, of[3 * scratch.triangles.size() + k]));
   }
-}
-
-inline void AdaptiveMesh::storeCandidates(RegionId region, const View* view, Scratch& scratch) {
-  const std::vector<TriangleId>& fresh = scratch.fresh;
-  RegionState& state = regions_[region];
-  for (std::size_t k = 0; k < std::min<std::size_t>(4, fresh.size()); ++k) prefetchCandidate(fresh[k]);
-  for (std::size_t k = 0; k < fresh.size(); ++k) {
-    if (k + 4 < fresh.size()) prefetchCandidate(fresh[k + 4]);
-    Candidate& c = scratch.best[k];
-    if (!(c.error > 0)) c = {{kFarAway, kFarAway}, kFarAway, 0.0f};
-    setCandidate(fresh[k], c);
-    const std::uint32_t page = mesh_.trianglePages().pageOf(fresh[k]);
-    if (view)
-      foldCandidate(checks_[page], screens_[page], state, c, *view);
-    else
-      wakeCandidate(fresh[k], region);
-  }
-  HeightRange seen;
-  for (const std::int32_t y : scratch.y) seen.add({y, y});
-  state.ground.add(seen);
 }
 
 }  // namespace ridgecast::refinement

@@ -4,19 +4,21 @@
 // All metrics leave out what is not seen: where neither the triangle nor the ground over it, as far from it as its candidate is, meets the
 // wide frustum. (To ask where the candidate lies is not enough: a triangle under the camera may have its candidate behind the camera and
 // still fill the picture.)
+#include "server/refinement/candidate_store.h"
+
 #include <algorithm>
 #include <array>
-#include <bit>
 #include <cmath>
 
-#include "common/outcome/contract.h"
-#include "server/refinement/adaptive_mesh.h"
 #include "server/refinement/bounds.h"
 #include "server/refinement/triangle.h"
 
 namespace ridgecast::refinement {
 
 using camera::Vec3;
+using triangulation::Move;
+using triangulation::RegionId;
+using triangulation::TriangleId;
 using triangulation::TrianglePages;
 
 namespace {
@@ -92,67 +94,107 @@ Judgement judge(const triangulation::Triangulation& mesh, const View& view, tria
 
 }  // namespace
 
-std::uint32_t AdaptiveMesh::findWork(std::span<const Search> searches, const View& view, double threshold) {
-  expects(searches.size() <= 32, "a search has its bit");
-  struct Due {  // pages
-    PageList candidates, losses;
-  };
-  thread_local std::vector<Due> due;
-  if (due.size() < searches.size()) due.resize(searches.size());
-  const bool isThesis = metric_ == Metric::kThesis;
-  for (std::size_t k = 0; k < searches.size(); ++k) {
-    const auto& [region, isSeen, removalLimit, work] = searches[k];
-    due[k].candidates.clear();
-    due[k].losses.clear();
-    if (isSeen && !isThesis) collectDue(region, view, skippedSlope(view, threshold), due[k].candidates);
-    collectDueLosses(region, view, removalLimit, due[k].losses);
-  }
-  const auto first = [](const PageList& pages) { return std::span(pages).first(std::min(kPagesAhead, pages.size())); };
-  for (std::size_t k = 0; k < searches.size(); ++k) {
-    for (std::uint32_t page : first(due[k].candidates)) prefetchCandidates(page);
-    for (std::uint32_t page : first(due[k].losses)) prefetchVertices(page);
-  }
-  std::uint32_t found = 0;
-  for (std::size_t k = 0; k < searches.size(); ++k) {
-    const auto& [region, isSeen, removalLimit, work] = searches[k];
-    const bool screens = isSeen && isThesis, checks = !due[k].candidates.empty(), judges = !due[k].losses.empty();
-    if (!screens && !checks && !judges) continue;
-    if (screens) screenThesis(region, view, threshold, work->pending);
-    if (checks) screenPixels(region, due[k].candidates, view, threshold, work->pending);
-    if (judges) {
-      work->removalLimit = removalLimit;
-      findRemovable(region, due[k].losses, view, *work);
+CandidateStore::CandidateStore(const triangulation::Triangulation& mesh)
+    : mesh_(mesh),
+      pages_(mesh.trianglePages()),
+      candidates_(mesh.triangleCapacity() / Candidates::kSlots),
+      checks_(mesh.triangleCapacity() / TrianglePages::kSlots),
+      screens_(mesh.triangleCapacity() / TrianglePages::kSlots),
+      hashes_(mesh.triangleCapacity()) {}
+
+std::size_t CandidateStore::memoryBytes() const {
+  return pages_.pagesInUse() * (sizeof(NextCheck) + sizeof(PageScreen)) +
+         std::size_t{pages_.blocksInUse()} * TrianglePages::kBlock * (sizeof(Candidates) / Candidates::kSlots + sizeof(std::uint64_t));
+}
+
+// Which pages a region gets depends on threads, and what is done next may not.
+void CandidateStore::begin(std::uint32_t page, double travel) {
+  constexpr double never = std::numeric_limits<double>::infinity();
+  checks_[page] = {never, never};
+  screens_[page] = {travel, 0, 0, std::numeric_limits<float>::max(), 0, 0, 0, 0, 0, 0};
+}
+
+void CandidateStore::fold(TriangleId t, const Candidate& c, RegionState& state, const View& view) {
+  PageScreen& page = screens_[pages_.pageOf(t)];
+  NextCheck& next = checks_[pages_.pageOf(t)];
+  if (page.travel >= 0) {
+    const auto moved = static_cast<float>(view.travel - page.travel);
+    if (2 * moved >= page.nearest) {
+      page.travel = -1;
+    } else {
+      if (moved > 0) {  // the bounds as they are after that way
+        const float closer = page.nearest / (page.nearest - moved);
+        const float faster = view.measure.reach(closer);
+        page.seen = (page.seen + page.steepest * moved / page.nearest) * faster * closer;
+        page.steepest *= faster;
+        page.nearest -= moved;
+        page.travel = view.travel;
+      }
+      const float dx = static_cast<float>(c.point.x - view.x), dz = static_cast<float>(c.point.z - view.z),
+                  dy = static_cast<float>(c.y) - view.y;
+      const float flat = dx * dx + dz * dz, d = std::max(std::sqrt(flat + dy * dy), kNearest), steep = c.error / view.measure.reach(d);
+      page.steepest = std::max(page.steepest, steep);
+      page.seen = std::max(page.seen, steep * std::sqrt(flat) / d);
+      page.nearest = std::min(page.nearest, d);
     }
-    if (!work->isEmpty()) found |= 1u << k;
+    setNextCheck(next, page, state.skipped, view);
   }
-  return found;
+  join(state.nextCheck, next);
 }
 
-double AdaptiveMesh::postpone(const Pending& wanted, RegionId region, const View& view, bool pageAnew) {
-  const Candidate c = candidate(wanted.triangle);
-  if (pageAnew) {
-    wakeCandidate(wanted.triangle, region);
-  } else {
-    const std::uint32_t page = mesh_.trianglePages().pageOf(wanted.triangle);
-    foldCandidate(checks_[page], screens_[page], regions_[region], c, view);
-  }
-  return seenError({c.point.x, c.point.z, c.y}, c.error, view);
+void CandidateStore::move(std::span<const Move> moves, RegionState& state) {
+  forEachPage(pages_, moves, [&](std::uint32_t number, std::span<const Move> run) {
+    Mask slots = 0;
+    for (const Move& move : run) slots |= Mask{1} << pages_.indexOf(move.to);
+    const Mask evaluated = pages_.aliveMask(number) & ~pages_.freshMask(number);
+    if ((evaluated & ~slots) == 0) begin(number, -1);  // new ones beside them have not been looked at
+    for (const auto& [from, to] : run) {
+      Candidate c = at(from);
+      c.error = std::abs(c.error);  // a candidate that moves is not dormant
+      put(to, c, hashes_[from]);
+    }
+    wake(run.front().to, state);
+  });
 }
 
-inline void AdaptiveMesh::prefetchCandidates(std::uint32_t page) const {
-  for (const Candidates* block : candidatesOf(page))
+void CandidateStore::translate(std::int32_t dx, std::int32_t dz) {
+  for (RegionId region = 0; region < pages_.regionLimit(); ++region)
+    if (pages_.hasRegion(region))
+      pages_.forEach(region, [&](TriangleId t) {
+        if (pages_.fresh(t)) return;  // it has no candidate yet
+        Candidates& four = candidates_[t / Candidates::kSlots];
+        four.x[t % Candidates::kSlots] += dx;
+        four.z[t % Candidates::kSlots] += dz;
+      });
+}
+
+// The sum over the region's triangles, of which only what changed is summed again.
+std::uint64_t CandidateStore::hash(RegionId region) {
+  std::uint64_t sum = 0;
+  for (std::uint32_t number : pages_.pagesOf(region)) {
+    PageScreen& page = screens_[number];
+    const Mask alive = pages_.aliveMask(number);
+    if (alive == 0) begin(number, page.travel);  // opened, and not used yet: what is there is another region's
+    pages_.forEachIn(number, page.hashed & ~alive, [&](TriangleId t) { page.hash -= hashes_[t]; });
+    page.hashed &= alive;
+    sum += page.hash;
+  }
+  return sum;
+}
+
+void CandidateStore::prefetchPage(std::uint32_t page) const {
+  for (const Candidates* block : blocks(page))
     for (std::uint32_t k = 0; block && k < TrianglePages::kBlock / Candidates::kSlots; ++k) __builtin_prefetch(block + k);
 }
 
-void AdaptiveMesh::screenPixels(RegionId region, const PageList& due, const View& view, double threshold, std::vector<Pending>& out) {
+void CandidateStore::findWanted(const PageList& due, RegionState& state, const View& view, double threshold, std::vector<Pending>& out) {
   thread_local std::vector<TriangleId> wanted;
   wanted.clear();
   for (std::size_t n = 0; n < due.size(); ++n) {
-    if (n + kPagesAhead < due.size()) prefetchCandidates(due[n + kPagesAhead]);
+    if (n + kPagesAhead < due.size()) prefetchPage(due[n + kPagesAhead]);
     checkPage(due[n], view, threshold, wanted);
   }
   judgeWanted(wanted, view, out);
-  RegionState& state = regions_[region];
   for (std::uint32_t page : due) {
     setNextCheck(checks_[page], screens_[page], state.skipped, view);
     join(state.nextCheck, checks_[page]);
@@ -160,14 +202,12 @@ void AdaptiveMesh::screenPixels(RegionId region, const PageList& due, const View
   std::sort(out.begin(), out.end());
 }
 
-// Which of the region's pages to check now. The region's next check becomes the earliest of the others'.
-void AdaptiveMesh::collectDue(RegionId region, const View& view, double skipped, PageList& due) {
-  RegionState& state = regions_[region];
+void CandidateStore::collectDue(RegionId region, RegionState& state, const View& view, double skipped, PageList& due) {
   const bool same = state.skipped == skipped;
   if (same && view.travel < state.nextCheck.travel && view.turn < state.nextCheck.turn) return;
   state.skipped = skipped;
   state.nextCheck = {std::numeric_limits<double>::infinity(), std::numeric_limits<double>::infinity()};
-  const auto& all = mesh_.trianglePages().pagesOf(region);
+  const auto& all = pages_.pagesOf(region);
   for (std::size_t n = 0; n < all.size(); ++n) {
     if (n + kChecksAhead < all.size()) __builtin_prefetch(&checks_[all[n + kChecksAhead]]);
     NextCheck& next = checks_[all[n]];
@@ -176,21 +216,21 @@ void AdaptiveMesh::collectDue(RegionId region, const View& view, double skipped,
       join(state.nextCheck, next);
     } else {
       due.push_back(all[n]);
-      mesh_.trianglePages().prefetch(all[n]);
+      pages_.prefetch(all[n]);
       __builtin_prefetch(&screens_[all[n]], 1);
     }
   }
 }
 
 // The page's dormant candidates are candidates again.
-void AdaptiveMesh::wakeDormant(std::uint32_t page) {
-  mesh_.trianglePages().forEachIn(page, screens_[page].dormant, [&](TriangleId t) { errorOf(t) = std::abs(errorOf(t)); });
+void CandidateStore::wakeDormant(std::uint32_t page) {
+  pages_.forEachIn(page, screens_[page].dormant, [&](TriangleId t) { errorOf(t) = std::abs(errorOf(t)); });
   screens_[page].dormant = 0;
 }
 
-inline void AdaptiveMesh::blankDead(std::uint32_t page, Mask alive) {
-  const Mask dead = mesh_.trianglePages().slotsOf(page) & ~alive;
-  mesh_.trianglePages().forEachIn(page, dead & ~screens_[page].blank, [&](TriangleId t) {
+inline void CandidateStore::blankDead(std::uint32_t page, Mask alive) {
+  const Mask dead = pages_.slotsOf(page) & ~alive;
+  pages_.forEachIn(page, dead & ~screens_[page].blank, [&](TriangleId t) {
     Candidates& four = candidates_[t / Candidates::kSlots];
     const std::uint32_t k = t % Candidates::kSlots;
     four.error[k] = 0;
@@ -200,43 +240,43 @@ inline void AdaptiveMesh::blankDead(std::uint32_t page, Mask alive) {
 }
 
 // Appends the page's wanted candidates, and keeps the bounds of the others.
-void AdaptiveMesh::checkPage(std::uint32_t number, const View& view, double threshold, std::vector<TriangleId>& wanted) {
+void CandidateStore::checkPage(std::uint32_t number, const View& view, double threshold, std::vector<TriangleId>& wanted) {
   PageScreen& known = screens_[number];
-  const Mask alive = mesh_.trianglePages().aliveMask(number);
+  const Mask alive = pages_.aliveMask(number);
   known.dormant &= alive;
   if (known.dormant != 0 && (wakes(known, view) || view.turn >= checks_[number].turn)) wakeDormant(number);
   blankDead(number, alive);
   const Eye eye{view.x, view.z, view.y, static_cast<float>(view.gain * view.gain), static_cast<float>(threshold * threshold)};
-  const PageLook seen = lookThrough(view.measure, candidatesOf(number), eye);
+  const PageLook seen = lookThrough(view.measure, blocks(number), eye);
   known.travel = view.travel;
   known.steepest = std::sqrt(seen.steepest2);
   known.seen = std::sqrt(seen.seen2);
   known.nearest = std::sqrt(seen.nearest2);
-  mesh_.trianglePages().forEachIn(number, seen.wanted, [&](TriangleId t) {
+  pages_.forEachIn(number, seen.wanted, [&](TriangleId t) {
     wanted.push_back(t);
     mesh_.prefetch(t);
   });
 }
 
 // Appends those that are worth a vertex; the others become dormant.
-void AdaptiveMesh::judgeWanted(const std::vector<TriangleId>& wanted, const View& view, std::vector<Pending>& out) {
+void CandidateStore::judgeWanted(const std::vector<TriangleId>& wanted, const View& view, std::vector<Pending>& out) {
   // The triangles lie anywhere in memory: they are fetched well before they are judged.
   for (std::size_t n = 0; n < wanted.size() + kChecksAhead; ++n) {
     if (n < wanted.size()) mesh_.prefetchCorners(wanted[n]);
     if (n < kChecksAhead) continue;
     const TriangleId t = wanted[n - kChecksAhead];
-    const Candidate c = candidate(t);
+    const Candidate c = at(t);
     const auto [priority, until] = judge(mesh_, view, t, c);
     if (priority > 0) {
       out.push_back({t, c.point, static_cast<float>(priority)});
     } else {
-      const std::uint32_t page = mesh_.trianglePages().pageOf(t);
-      makeDormant(checks_[page], screens_[page], mesh_.trianglePages().indexOf(t), errorOf(t), until, view);
+      const std::uint32_t page = pages_.pageOf(t);
+      makeDormant(checks_[page], screens_[page], pages_.indexOf(t), errorOf(t), until, view);
     }
   }
 }
 
-void AdaptiveMesh::screenThesis(RegionId region, const View& view, double threshold, std::vector<Pending>& out) const {
+void CandidateStore::findByThesis(RegionId region, const View& view, double threshold, std::vector<Pending>& out) const {
   constexpr double kWholePicture = 256;  // (4 x area)^2, as below
   struct Screen {
     double x, y;
@@ -248,9 +288,9 @@ void AdaptiveMesh::screenThesis(RegionId region, const View& view, double thresh
     return Screen{dot(p, view.right) / (depth * view.tanX), dot(p, view.up) / (depth * view.tanY), true};
   };
   const auto distance = [](const Screen& a, const Screen& b) { return std::hypot(a.x - b.x, a.y - b.y); };
-  mesh_.trianglePages().forEach(region, [&](TriangleId t) {
-    const Candidate c = candidate(t);
-    if (mesh_.trianglePages().fresh(t) || c.error <= 0) return;
+  pages_.forEach(region, [&](TriangleId t) {
+    const Candidate c = at(t);
+    if (pages_.fresh(t) || c.error <= 0) return;
     const std::array<Vec3, 3> corners = cornersOf(mesh_, view, t);
     if (!view.wide.meets(corners, c.error * lattice::kMetresPerStep)) return;
     const std::array<Screen, 3> corner{project(corners[0]), project(corners[1]), project(corners[2])};
