@@ -263,20 +263,7 @@ TEST(Making, NoTurnIsLong) {
   }
 }
 
-TEST(History, WhatWasUndoneAndNotKeptIsInNoCheckpoint) {
-  const auto terrain = terrain::create("alpine", 1).value();
-  std::mt19937_64 random(8);
-  History history(terrain);
-  while (history.last() < 100) ASSERT_TRUE(history.add(randomOperation(random, {0, 0})));
-  const auto before = history.layer();
-  for (const std::uint64_t edit : {30, 99, 101}) ASSERT_TRUE(history.add({Undo{edit}, 0}));
-  while (history.last() > 100) history.takeBack(before);
-  EXPECT_FALSE(history.isUndone(30));
-  for (const std::uint64_t edit : {98, 60, 5}) ASSERT_TRUE(history.add({Undo{edit}, 0}));
-  expectReplayed(terrain, history);
-}
-
-// Nor in the one that ends with the edit itself.
+// What was undone and not kept is in no checkpoint, nor in the one that ends with the edit itself.
 TEST(History, WhicheverEditWasUndoneAndNotKept) {
   const auto terrain = terrain::create("alpine", 1).value();
   for (std::uint64_t edit = 1; edit < 40; edit += testing_support::kSanitized ? 8 : 1) {

@@ -19,7 +19,6 @@ namespace {
 
 using testing::HasSubstr;
 using testing_support::craterAt;
-using testing_support::m;
 using testing_support::ScratchFolder;
 
 const edits::Layer kNone;
@@ -75,51 +74,6 @@ TEST(Log, KeepsTheWorldThatItWasMadeFor) {
   EXPECT_EQ(log->last(), 0u);
   EXPECT_TRUE(log->layer().value()->empty());
   EXPECT_TRUE(log->read(0, kAll).value().empty());
-}
-
-TEST(Log, ReturnsEditsOfEveryKindInOrder) {
-  const ScratchFolder folder;
-  std::mt19937_64 random(3);
-  std::vector<Applied> made;
-  std::uint64_t hash = 0;
-  std::set<std::size_t> kinds;
-  for (int opening = 0; opening < 3; ++opening) {
-    Session session = Session::open(folder / "a.edits").value();
-    ASSERT_EQ(session.log->last(), made.size());
-    ASSERT_EQ(session.history.layer()->hash(), hash);
-    for (int group = 0; group < 12; ++group)
-      for (const Applied& e : session.append(1 + random() % 8, random).value()) {
-        kinds.insert(operationOf(e).what.index());
-        made.push_back(e);
-      }
-    hash = session.history.layer()->hash();
-    EXPECT_EQ(session.log->layer().value()->hash(), hash);
-  }
-  EXPECT_EQ(kinds.size(), std::variant_size_v<decltype(edits::Operation::what)>);
-  const auto log = Log::open(folder / "a.edits").value();
-  EXPECT_EQ(log->read(0, kAll).value(), made);
-  EXPECT_EQ(log->read(0, 1).value(), std::vector<Applied>{made[0]});
-  EXPECT_EQ(log->read(made.size() - 1, 5).value(), std::vector<Applied>{made.back()});
-  EXPECT_TRUE(log->read(made.size(), 5).value().empty());
-  EXPECT_EQ(replayedHash(made), hash);
-}
-
-TEST(Log, AKeyNamesItsEdit) {
-  const ScratchFolder folder;
-  auto log = Log::create(folder / "a.edits", {}).value();
-  const std::vector<Applied> edits{applied(1, "a", craterAt(0)), applied(2, "", craterAt(1)), applied(3, "", craterAt(2))};
-  ASSERT_TRUE(log->append(edits, kNothing));
-  EXPECT_EQ(log->numberOf("a").value(), 1u);
-  EXPECT_EQ(log->numberOf("b").value(), std::nullopt);
-  EXPECT_EQ(log->numberOf("").value(), std::nullopt);
-  // All of a transaction or nothing.
-  const std::vector<Applied> again{applied(4, "b", craterAt(3)), applied(5, "a", craterAt(4))};
-  EXPECT_THAT(log->append(again, kNothing).error().message, HasSubstr("number or key already"));
-  EXPECT_THAT(log->append(std::vector{applied(5, "", craterAt(3))}, kNothing).error().message, HasSubstr("does not follow edit 3"));
-  EXPECT_EQ(log->last(), 3u);
-  EXPECT_EQ(log->numberOf("b").value(), std::nullopt);
-  log.reset();
-  EXPECT_EQ(Log::open(folder / "a.edits").value()->read(0, kAll).value(), edits);
 }
 
 // Another program, begun before this one opens anything: locks are a process's own, and SQLite knows which of them it has.
@@ -317,18 +271,6 @@ TEST(Log, UndoesAfterEditsThatFollowedAnOpening) {
     ASSERT_TRUE(undone) << undone.error().message;
   }
   EXPECT_TRUE(session.history.layer()->empty());
-}
-
-// Whole tiles of zeros are a layer's own affair, and smoothing spreads what an undo changes: the cache must follow both.
-TEST(Log, CacheFollowsUndoneEdits) {
-  const ScratchFolder folder;
-  Session session = Session::open(folder / "a.edits").value();
-  const edits::Operation smooth{edits::Smooth{{m(4), 0}, m(8), 8}, 3};
-  for (const edits::Operation& o : {craterAt(0), smooth, craterAt(9)}) ASSERT_TRUE(session.append(1, [&] { return o; }));
-  for (const std::uint64_t edit : {1, 4, 3, 2, 5}) {
-    ASSERT_TRUE(session.append(1, [&] { return edits::Operation{edits::Undo{edit}, 0}; }));
-    EXPECT_EQ(session.log->layer().value()->hash(), session.history.layer()->hash()) << edit;
-  }
 }
 
 }  // namespace

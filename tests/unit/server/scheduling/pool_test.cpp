@@ -240,65 +240,6 @@ TEST(Scheduling, ManyPoolsShareFairly) {
   EXPECT_GT(sum * sum / (kPools * squares), 0.9);  // Jain's index: 1 is perfectly fair
 }
 
-TEST(Scheduling, LongTasksLeaveAThreadToShortOnes) {
-  constexpr unsigned kThreads = 3;
-  std::vector<std::shared_ptr<Pool>> pools;
-  std::promise<void> gate;
-  const std::shared_future<void> open = gate.get_future().share();
-  std::atomic<unsigned> inFlight{0}, done{0};
-  Executor executor(kThreads);  // last, so that its tasks end before what they use
-  const auto honest = executor.makePool();
-  for (int k = 0; k < 50; ++k) runOn(*honest, [] {});  // known as short
-  for (int k = 0; k < 8; ++k) {
-    pools.push_back(executor.makePool());
-    ASSERT_TRUE(pools.back()->post([&, open] {
-      ++inFlight;
-      open.wait();
-      ++done;
-    }));
-  }
-  ASSERT_TRUE(testing_support::await([&] { return inFlight == kThreads; }));
-  for (int k = 0; k < 50; ++k) {
-    const auto ran = std::make_shared<std::promise<void>>();
-    ASSERT_TRUE(honest->post([ran] { ran->set_value(); }));
-    const bool begins = ran->get_future().wait_for(testing_support::kTimeout) == std::future_status::ready;
-    EXPECT_TRUE(begins) << "it waits for a long task";
-    if (!begins) break;
-  }
-  EXPECT_EQ(inFlight, kThreads);
-  pools.erase(pools.begin() + kThreads, pools.begin() + kThreads + 3);  // gone while they wait: the others get their turns
-  gate.set_value();
-  EXPECT_TRUE(testing_support::await([&] { return done == pools.size(); }));
-}
-
-// The thread for short tasks ends one of a pool that takes one at a time, while the others sleep.
-TEST(Scheduling, WhatAShortTaskLeavesBehindIsBegun) {
-  std::promise<void> longGate, shortGate, begun, done;
-  const std::shared_future<void> longOpen = longGate.get_future().share(), shortOpen = shortGate.get_future().share();
-  std::atomic<unsigned> inFlight{0};
-  Executor executor(2);  // last, so that its tasks end before what they use
-  const auto one = executor.makePool(), other = executor.makePool(), edits = executor.makePool(1);
-  for (int k = 0; k < 50; ++k) runOn(*edits, [] {});  // known as short
-  for (const auto& pool : {one, other})
-    ASSERT_TRUE(pool->post([&, longOpen] {
-      ++inFlight;
-      longOpen.wait();
-      --inFlight;
-    }));
-  ASSERT_TRUE(testing_support::await([&] { return inFlight == 2; }));
-  ASSERT_TRUE(edits->post([&, shortOpen] {
-    begun.set_value();
-    shortOpen.wait();
-  }));
-  begun.get_future().wait();
-  ASSERT_TRUE(edits->post([&] { done.set_value(); }));
-  longGate.set_value();
-  ASSERT_TRUE(testing_support::await([&] { return inFlight == 0; }));
-  std::this_thread::sleep_for(20ms);  // nothing says when they sleep; until then they would find it by themselves
-  shortGate.set_value();
-  EXPECT_EQ(done.get_future().wait_for(testing_support::kTimeout), std::future_status::ready);
-}
-
 TEST(Scheduling, WithoutThreadsAllIsDoneByWhoCalls) {
   Executor executor{Executor::WithoutThreads{}};
   const auto one = executor.makePool(), other = executor.makePool();
@@ -357,36 +298,6 @@ TEST(Scheduling, DroppedTasksAreDestroyedAndLateOnesRefused) {
   EXPECT_EQ(token.use_count(), 1);
   EXPECT_EQ(pool.use_count(), 1);
   EXPECT_FALSE(pool->post([token] {}));
-}
-
-TEST(Scheduling, ATaskMayHoldTheLastReferenceToItsPool) {
-  std::atomic<int> ran{0};
-  Executor executor(2);
-  for (int k = 0; k < 300; ++k) {
-    auto pool = executor.makePool();
-    auto* raw = pool.get();
-    raw->post([&, own = std::move(pool)] { own->forEach(4, 1, [&](std::size_t) { ++ran; }); });
-  }
-  while (ran < 1200) std::this_thread::yield();
-}
-
-TEST(Scheduling, StressOfShortLoopsFromManyThreads) {
-  std::atomic<std::uint64_t> sum{0};
-  Executor executor(4);
-  std::vector<std::thread> outsiders;
-  for (int t = 0; t < 4; ++t)
-    outsiders.emplace_back([&, t] {
-      auto pool = executor.makePool(t + 1);
-      std::mt19937 random(static_cast<unsigned>(t));
-      for (int round = 0; round < 200; ++round) {
-        pool->forEach(random() % 40, 1 + random() % 3, [&](std::size_t k) { sum += k; });
-        const Order order = randomOrder(random, random() % 40, 3);
-        pool->forEachOrdered(order, [&](std::size_t k) { sum += k; });
-        pool->post([&] { ++sum; });
-      }
-    });
-  for (auto& t : outsiders) t.join();
-  EXPECT_GT(sum, 0u);
 }
 
 using SchedulingDeathTest = testing::Test;
