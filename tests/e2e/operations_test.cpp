@@ -7,7 +7,6 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
-#include <algorithm>
 #include <chrono>
 #include <csignal>
 #include <ctime>
@@ -130,12 +129,8 @@ TEST(Operations, FiguresUnderLoadAreThereAndSane) {
 TEST(Operations, EveryLineOfTheLogIsJsonWhateverClientsSay) {
   std::string output;
   {
-    ScratchFolder folder;
-    Process server(
-        {RIDGECAST_SERVER, "--port", "0", "--port-file", (folder / "port").string(), "--log-format", "json", "--log-level", "debug"});
-    std::string port;
-    ASSERT_TRUE(await([&] { return !(port = readText(folder / "port")).empty(); })) << server.output();
-    const auto number = static_cast<std::uint16_t>(std::stoul(port));
+    ServerProcess server(RIDGECAST_SERVER, {"--log-format", "json", "--log-level", "debug"});
+    const std::uint16_t number = server.port();
     for (const char* name : {"%22%2C%22level%22%3A%22error", "%0A%7B%22level%22%3A%22error%22%7D", "%00", "%ff%fe", "%1b%5B2J", "%e2%80%a8",
                              "..%2F..%2Fetc", "%5C%22", "%", "a b"}) {
       SocketClient client(number);
@@ -145,12 +140,11 @@ TEST(Operations, EveryLineOfTheLogIsJsonWhateverClientsSay) {
     raw.send("GET /v1/stream?session=\"\x01\xff HTTP/1.1\r\nHost: localhost\r\n\r\n");
     raw.answer();
     wire::Settings settings = coarse();
-    Flier flier("ws://127.0.0.1:" + std::to_string(number), settings);
-    server.signal(SIGHUP);
-    EXPECT_TRUE(await([&] { return server.output().find("reloaded") != std::string::npos; }));
-    server.signal(SIGTERM);
-    EXPECT_EQ(server.wait(kTimeout), 0);
-    output = server.output();
+    Flier flier(server.url(), settings);
+    server.process().signal(SIGHUP);
+    EXPECT_TRUE(await([&] { return server.process().output().find("reloaded") != std::string::npos; }));
+    EXPECT_EQ(server.stop(), 0);
+    output = server.process().output();
   }
   std::istringstream lines(output);
   int count = 0, refused = 0, ofCamera = 0, ended = 0;

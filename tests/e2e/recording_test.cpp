@@ -12,7 +12,6 @@
 #include <cstdio>
 #include <filesystem>
 #include <fstream>
-#include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <sstream>
@@ -211,12 +210,10 @@ TEST_F(RecordingEndToEnd, OnlookersSeeItsMembersAndItsGround) {
     }
     EXPECT_EQ(server.stop(), 0);
   }
-  const std::string portFile = (folder / "port").string();
-  Process player({RIDGECAST_SERVER, "replay", recordings.string(), "--serve", "--port", "0", "--port-file", portFile, "--quiet"});
-  ASSERT_TRUE(await([&] { return !readText(portFile).empty() || !player.running(); })) << player.output();
+  const ServerProcess player(RIDGECAST_SERVER, {"replay", recordings.string(), "--serve"});
   wire::Hello hello;
   hello.members = hello.clock = hello.edits = true;
-  const auto url = core::parseUrl("127.0.0.1:" + std::to_string(std::stoul(readText(portFile)))).value();
+  const auto url = core::parseUrl(player.url()).value();
   auto onlooker = link::Connection::open(url, hello, {.reconnects = false, .timeout = kTimeout}).value();
   EXPECT_GT(onlooker->world().camera, 1u);
   const auto member = [&]() -> std::optional<wire::Member> {
@@ -255,7 +252,7 @@ TEST_F(RecordingEndToEnd, OnlookersSeeItsMembersAndItsGround) {
   EXPECT_FALSE(onlooker->error());
   // A program's calls: they come back by themselves.
   onlooker.reset();
-  const auto program = world::World::join("127.0.0.1:" + std::to_string(std::stoul(readText(portFile))), {.camera = false}).value();
+  const auto program = world::World::join(player.url(), {.camera = false}).value();
   const std::chrono::microseconds end(over.end);
   ASSERT_TRUE(program->isLocal());
   const auto ground = [&] { return program->terrain().height(1600, 3000).value(); };

@@ -12,7 +12,6 @@
 #include <iterator>
 #include <memory>
 #include <nlohmann/json.hpp>
-#include <optional>
 #include <string>
 #include <vector>
 
@@ -126,19 +125,6 @@ TEST(WorldsBuiltIn, ParametersNeedNoCompiler) {
   }
 }
 
-TEST_F(Worlds, ImpossibleParametersAreRefusedInOneSentence) {
-  const std::pair<const char*, const char*> cases[] = {{"tallest=5", "tallest"},   {"tallest=1e300", "tallest"},
-                                                       {"widest=3", "widest"},     {"tallest=260&param=tallest=261", "tallest"},
-                                                       {"tallest", "NAME=NUMBER"}, {"%2e%2e/x=1", "NAME=NUMBER"}};
-  for (const auto& [parameter, named] : cases) {
-    SocketClient client(server_.port());
-    EXPECT_FALSE(client.upgrade(std::string("/v1/stream?session=odd&terrain=dunes&param=") + parameter));
-    EXPECT_THAT(client.refusal(), testing::AllOf(StartsWith("HTTP/1.1 400"), HasSubstr(named))) << parameter;
-  }
-  EXPECT_THAT(get("/v1/sessions"), testing::Not(HasSubstr("odd")));
-  EXPECT_TRUE(server_.healthy());
-}
-
 TEST(WorldsOfAMap, ShareItsSamples) {
   constexpr std::uint64_t kSamples = 4096, kMap = kSamples * kSamples * 4;  // 64 MiB as the server holds it
   ScratchFolder folder;
@@ -236,27 +222,6 @@ TEST_F(WorldsOfMaps, FollowTheirSources) {
   };
   EXPECT_TRUE(turns("part.asc", flat(300), "300")) << server.process().output();
   EXPECT_TRUE(turns("whole.raster", "offset=25\n", "325")) << server.process().output();
-}
-
-// Whoever upgrades and never says hello keeps no slot; nobody gets them all.
-TEST(WorldsUnentered, TakeNoSlotsFromOthers) {
-  ServerProcess server(RIDGECAST_SERVER, {"--timeout", "1"});
-  const auto sessions = [&] {
-    SocketClient asks(server.port());
-    asks.send("GET /v1/sessions HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n");
-    const std::string answer = asks.answer();
-    return nlohmann::json::parse(answer.substr(answer.find("\r\n\r\n") + 4)).at("sessions").size();
-  };
-  std::vector<std::unique_ptr<SocketClient>> clients;
-  std::string refusal;
-  for (int k = 0; k < 63; ++k) {
-    clients.push_back(std::make_unique<SocketClient>(server.port()));
-    if (!clients.back()->upgrade("/v1/stream?session=s" + std::to_string(k) + "&terrain=alpine")) refusal = clients.back()->refusal();
-  }
-  EXPECT_LE(sessions(), 17u);  // default, and one client's share
-  EXPECT_THAT(refusal,
-              testing::AllOf(StartsWith("HTTP/1.1 429"), HasSubstr("made 16 of the sessions that live here, the most one client may")));
-  EXPECT_TRUE(await([&] { return sessions() == 1; }, std::chrono::seconds(30)));
 }
 
 // A compiler that never ends stands first in PATH and notes the id of its process each time it starts.

@@ -20,9 +20,10 @@ namespace {
 
 std::vector<std::string> commandLine(const std::string& program, const std::string& portFile, std::uint16_t port,
                                      const std::vector<std::string>& arguments) {
-  std::vector<std::string> command{program, "--port", std::to_string(port), "--port-file", portFile};
-  if (std::find(arguments.begin(), arguments.end(), "--log-level") == arguments.end()) command.push_back("--quiet");
+  std::vector<std::string> command{program};
   command.insert(command.end(), arguments.begin(), arguments.end());
+  command.insert(command.end(), {"--port", std::to_string(port), "--port-file", portFile});
+  if (std::find(arguments.begin(), arguments.end(), "--log-level") == arguments.end()) command.push_back("--quiet");
   return command;
 }
 
