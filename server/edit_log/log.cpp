@@ -377,7 +377,6 @@ Outcome<void> Log::putMeta(const Meta& meta) {
 }
 
 Outcome<void> Log::append(std::span<const Applied> edits, const Change& change) {
-  expects(!edits.empty(), "a write has edits");
   const std::lock_guard lock(mutex_);
   Transaction transaction(sql_->database);
   if (auto begun = transaction.begin(); !begun) return begun.error();

@@ -255,7 +255,12 @@ TEST(Simulated, WhoNeverAcknowledgesIsToldSo) {
   ASSERT_TRUE(client->quiet());
   timer.advance(CameraSession::kAcknowledgeTimeout - 1s);
   EXPECT_TRUE(client->quiet()) << "the time begins with what it waits for now";
-  timer.advance(CameraSession::kAcknowledgeTimeout);
+  camera->receive(wire::Acknowledge{2, 0});
+  ASSERT_TRUE(client->iteration());
+  ASSERT_TRUE(client->quiet());
+  timer.advance(CameraSession::kAcknowledgeTimeout - 1s);
+  EXPECT_TRUE(client->quiet());
+  timer.advance(1s);  // and ends to the second
   const auto error = client->error();
   ASSERT_TRUE(error);
   EXPECT_EQ(error->code, wire::ErrorCode::kLimit);
