@@ -202,6 +202,24 @@ TEST(HeldEdits, OfASessionThatBeganAnewAreReplaced) {
   expectEqual(*held.layer(), *after.layer(), {0, 0});
 }
 
+// The server answered before the edit that filled it.
+TEST(HeldEdits, ASquareThatWasEmptyBeforeALaterEditIsAskedForAgain) {
+  HeldEdits held(kReach);
+  held.know(1);
+  ASSERT_TRUE(held.take().find);
+  ASSERT_TRUE(held.put(wire::FoundEdits{1, {}, {{0, 0}}}));
+  ASSERT_EQ(held.take().want.squares.size(), 1u);
+  held.know(2);
+  ASSERT_TRUE(held.take().find);
+  ASSERT_TRUE(held.put(wire::FoundEdits{2, {{0, 0, 10, 10}}, {}}));
+  ASSERT_TRUE(held.put(wire::Squares{1, {{{0, 0}, {}, {}}}}));
+  EXPECT_FALSE(held.complete());
+  EXPECT_EQ(held.take().want.squares.size(), 1u);
+  ASSERT_TRUE(held.put(wire::Squares{2, {{{0, 0}, {}, {}}}}));
+  EXPECT_TRUE(held.take().want.squares.empty());
+  EXPECT_TRUE(held.complete());
+}
+
 TEST(HeldEdits, RefuseWhatWasNotAskedFor) {
   HeldEdits held(kReach);
   EXPECT_FALSE(held.put(wire::FoundEdits{}));

@@ -127,8 +127,11 @@ struct Stream {
     auto answer = follower.apply(iteration);
     for (const auto& [address, leaf] : follower.scene().index())
       if (between(random, 0, 9) == 0) {
-        const std::uint64_t hash = leaf.hash;
-        EXPECT_EQ(mesh::hashLeaf(*follower.scene().leaf(address)->mesh), hash);
+        const HeldLeaf before = leaf;
+        const HeldLeaf& made = *follower.scene().leaf(address);
+        EXPECT_EQ(mesh::hashLeaf(*made.mesh), before.hash);
+        EXPECT_TRUE(before.low.x <= made.low.x && before.low.z <= made.low.z && before.low.y <= made.low.y);
+        EXPECT_TRUE(before.high.x >= made.high.x && before.high.z >= made.high.z && before.high.y >= made.high.y);
       }
     return answer;
   }
