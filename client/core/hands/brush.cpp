@@ -5,6 +5,7 @@
 #include <numbers>
 
 #include "client/core/mesh/mesh_ground.h"
+#include "common/outcome/contract.h"
 
 namespace ridgecast::core {
 namespace {
@@ -29,6 +30,7 @@ Outline outlineOf(const Scene& scene, const lattice::Vertex& middle, lattice::St
     const lattice::Point p{along(middle.x, x), along(middle.z, z)};
     return Spot{p, scene.height(p).value_or(lattice::metres(middle.y))};
   };
+  expects(radius > 0, "a brush has a radius");
   Outline out;
   for (int k = 0; k < kAround; ++k) {
     const double angle = 2 * std::numbers::pi * k / kAround, r = static_cast<double>(radius);

@@ -3,12 +3,14 @@
 #include <algorithm>
 #include <cstdio>
 
+#include "common/outcome/contract.h"
 #include "common/wire/wire.h"
 
 namespace ridgecast::core {
 
 wire::SetClock setTo(bool runs, double rate, std::uint64_t time) {
   using enum wire::ClockMode;
+  expects(rate > 0, "a clock that stands keeps the rate that it goes on with");
   return {true, !runs ? kStepped : rate == 1 ? kRealTime : kScaled, rate, time};
 }
 

@@ -5,10 +5,12 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
+#include <iterator>
 #include <string_view>
 #include <utility>
 
 #include "common/edits/json.h"
+#include "common/outcome/contract.h"
 #include "common/text/text.h"
 
 namespace ridgecast::core {
@@ -74,6 +76,7 @@ std::string Editing::words() const {
 }
 
 void Editing::choose(Tool tool) {
+  expects(tool >= Tool::kCrater && tool <= Tool::kRoad, "a tool has a name");
   tool_ = tool;
   corners_.clear();
   widen(0);
@@ -94,6 +97,7 @@ void Editing::use(const lattice::Vertex& at) {
 
 void Editing::endRoad() {
   if (tool_ != Tool::kRoad) return;
+  expects(corners_.size() <= edits::kMaxCorners, "a road that is drawn has no more corners than one that is made");
   if (corners_.size() < 2) return to_.say("A road has at least two corners: click where it begins, and where it goes.");
   edits::Road road;
   road.line = corners_;
@@ -117,8 +121,9 @@ void Editing::keep(std::uint64_t number) {
 void Editing::hear(std::uint64_t id, const Outcome<std::uint64_t>& made) {
   const auto found = std::ranges::find(open_, id, [](const Open& o) { return o.edit.id; });
   if (found == open_.end()) return;  // answered twice
-  const std::uint64_t undoes = found->undoes;
+  const auto [edit, undoes, done, times] = std::move(*found);
   open_.erase(found);
+  if (done) return done(made);
   if (made) {
     if (undoes == 0) keep(*made);
     return to_.say(undoes > 0 ? "Edit " + std::to_string(undoes) + " undone." : "Edit " + std::to_string(*made) + " made.");
@@ -130,8 +135,11 @@ void Editing::hear(std::uint64_t id, const Outcome<std::uint64_t>& made) {
 }
 
 void Editing::connected() {
-  const auto dropped = std::erase_if(open_, [](const Open& o) { return o.times >= kMaxTimes; });
-  if (dropped > 0) to_.say("The connection was lost again and again before an edit was answered; check whether it was made.");
+  const Error lost{"The connection was lost again and again before an edit was answered; check whether it was made."};
+  const auto dropped = std::ranges::stable_partition(open_, [](const Open& o) { return o.times < kMaxTimes; });
+  const std::vector<Open> over(std::move_iterator(dropped.begin()), std::move_iterator(dropped.end()));
+  open_.erase(dropped.begin(), dropped.end());
+  for (const Open& open : over) open.done ? open.done(lost) : to_.say(lost.message);
   std::vector<wire::Edit> again;
   for (Open& open : open_) ++open.times, again.push_back(open.edit);
   for (const wire::Edit& edit : again) to_.send(edit);
@@ -153,14 +161,30 @@ edits::Operation Editing::operationAt(const lattice::Vertex& at) const {
 }
 
 bool Editing::ask(const edits::Operation& operation, std::uint64_t undoes) {
-  if (open_.size() == kMaxOpen) {
+  if (open_.size() >= kMaxOpen) {
     to_.say("The server has not answered " + std::to_string(kMaxOpen) + " edits yet; try again in a moment.");
     return false;
   }
-  const wire::Edit edit{++ids_, to_.newKey(), edits::toJson(operation)};
-  open_.push_back({edit, undoes, 1});
-  to_.send(edit);
+  send(edits::toJson(operation), undoes, {});
   return true;
+}
+
+void Editing::make(std::string operation, Done done) {
+  expects(done != nullptr, "a program hears what became of its edit");
+  if (open_.size() >= kMaxWaiting) return done(Error{"More than " + std::to_string(kMaxWaiting) + " edits wait for the server."});
+  send(std::move(operation), 0, std::move(done));
+}
+
+void Editing::send(std::string operation, std::uint64_t undoes, Done done) {
+  const wire::Edit edit{++ids_, to_.newKey(), std::move(operation)};
+  expects(!edit.key.empty(), "an edit that may be sent twice has a key");
+  open_.push_back({edit, undoes, std::move(done)});
+  to_.send(edit);
+}
+
+void Editing::leave() {
+  for (const Open& open : std::exchange(open_, {}))
+    if (open.done) open.done(Error{"The client is in another session now; whether the edit was made is not known."});
 }
 
 }  // namespace ridgecast::core

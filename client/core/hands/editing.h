@@ -1,7 +1,7 @@
 #pragma once
-// A user's editing, in window and page: the brush and its radius, the corners of a road, unanswered edits, and what may be undone. An
-// unanswered edit is resent over the next connection; its key ensures that it is made once. Values only. Bounds: kMaxCorners corners,
-// kMaxOpen unanswered edits, kMaxUndone to undo.
+// A user's editing, in window and page: the brush and its radius, the corners of a road, unanswered edits (a program's among them), and what
+// may be undone. An unanswered edit is resent over the next connection; its key ensures that it is made once. Values only. Bounds:
+// kMaxCorners corners, kMaxOpen unanswered edits of the user, kMaxWaiting with a program's, kMaxUndone to undo.
 
 #include <array>
 #include <cstdint>
@@ -24,7 +24,7 @@ std::string randomKey();  // globally unique
 
 class Editing {
  public:
-  static constexpr std::size_t kMaxOpen = 16, kMaxUndone = 1024;
+  static constexpr std::size_t kMaxOpen = 16, kMaxWaiting = 256, kMaxUndone = 1024;
   static constexpr int kMaxTimes = 3;  // that an edit is sent
 
   struct To {
@@ -33,6 +33,7 @@ class Editing {
     std::function<std::string()> newKey = randomKey;
   };
   explicit Editing(To to) : to_(std::move(to)) {}
+  using Done = std::function<void(const Outcome<std::uint64_t>& made)>;
 
   Tool tool() const { return tool_; }
   std::uint32_t material() const { return material_; }
@@ -51,22 +52,29 @@ class Editing {
   // Undoes the last corner of a road being drawn, otherwise the user's last edit that still counts.
   void undo();
 
+  // A program's edit (common/edits/json.h). `done` is called once, where the user would be told, and the edit is not the user's to undo.
+  void make(std::string operation, Done done);
+
   // The answer to what was sent with this id: the edit's number, or why there is none.
   void hear(std::uint64_t id, const Outcome<std::uint64_t>& made);
   // Another connection has begun, to the same world.
   void connected();
+  // The client is in another session now: a program hears that its edits have no answer. Nothing else may be called after this.
+  void leave();
 
  private:
   struct Open {
     wire::Edit edit;
     std::uint64_t undoes = 0;  // 0: it is no undo
-    int times = 0;
+    Done done{};               // of a program's
+    int times = 1;
   };
   edits::Operation operationAt(const lattice::Vertex& at) const;
   std::int32_t depth() const;
   std::int32_t rise() const;
   void undoEdit();
   bool ask(const edits::Operation& operation, std::uint64_t undoes = 0);
+  void send(std::string operation, std::uint64_t undoes, Done done);
   void keep(std::uint64_t number);
 
   const To to_;

@@ -36,7 +36,7 @@ export type ToEngine =
   | { kind: 'pose'; camera: Camera; number: number } // the page counts them, from 1
   | { kind: 'candidates'; wanted: boolean } // for vertices
   | { kind: 'threshold'; pixels: number }
-  | { kind: 'edit'; id: number; key: string; operation: string } // sent if there is a connection
+  | { kind: 'edit'; id: number; operation: string } // sent once there is a connection
   | { kind: 'brush'; brush: Brush }
   | { kind: 'act'; act: Act; by: number }
   | { kind: 'heights'; number: number; places: Float64Array<ArrayBuffer> } // x and z of each, steps

@@ -108,8 +108,9 @@ class Client {
     settings_.threshold = pixels;
     change();
   }
-  void edit(std::uint32_t id, std::string key, std::string operation) {
-    ask({0, std::move(key), std::move(operation)}, [id](const Outcome<std::uint64_t>& made) {
+  // A program's.
+  void edit(std::uint32_t id, std::string operation) {
+    editing_->make(std::move(operation), [id](const Outcome<std::uint64_t>& made) {
       tell(kind("edit answer")("id", id)("number", made ? *made : 0)("refusal", made ? "" : made.error().message));
     });
   }
@@ -130,7 +131,6 @@ class Client {
   // A user's edits: core::Editing's functions, in its order.
   enum class Act : std::uint32_t { kChoose, kPaint, kWiden, kRest, kUndo, kEndRoad };
   void act(Act act, double by) {
-    if (!editing_) return;
     if (act == Act::kChoose) editing_->choose(static_cast<core::Tool>(by));
     if (act == Act::kPaint) editing_->paint(static_cast<std::uint32_t>(by));
     if (act == Act::kWiden) editing_->widen(by);
@@ -144,11 +144,11 @@ class Client {
     Object out = kind("touched");
     const auto at = core::touched(follower_.scene(), ray);
     if (uses && !at) say("There is no ground.");
-    if (uses && at && editing_) {
+    if (uses && at) {
       editing_->use(*at);
       tellEditing();
     }
-    if (at && editing_) {
+    if (at) {
       const core::Outline outline = core::outlineOf(follower_.scene(), *at, editing_->radius(), editing_->corners());
       const auto listed = [](const std::vector<core::Spot>& spots) {
         List list;
@@ -187,12 +187,10 @@ class Client {
   void enter(double now) {
     const bool isFirst = !line_->hasReturned();
     const wire::World& coming = isFirst ? conversation().world() : line_->coming();
-    if (coming.contentHash != contentHash_ || !hasMesh_) {
+    if (std::exchange(contentHash_, coming.contentHash) != coming.contentHash) {
       follower_ = {};
       follower_.follow({.points = true, .triangles = coming.settings.triangleBudget});
     }
-    contentHash_ = coming.contentHash;
-    hasMesh_ = true;
     const auto held = follower_.resume();
     if (isFirst)
       for (const wire::Resume& part : held) conversation().resume(part);
@@ -232,18 +230,13 @@ class Client {
       told("map", Object()("x0", area.x0)("z0", area.z0)("x1", area.x1)("z1", area.z1));
     }
     tell(kind("world")("world", told));
-    if (std::exchange(editingOf_, host_ + ' ' + world.session) == host_ + ' ' + world.session) {
-      editing_->connected();
-    } else {
+    const std::string here = host_ + ' ' + world.session;
+    if (const std::string before = std::exchange(editingOf_, here); !before.empty() && before != here) {
       bar_ = {};
-      editing_.emplace(core::Editing::To{[this](const wire::Edit& edit) {
-                                           ask(edit, [this, id = edit.id](const Outcome<std::uint64_t>& made) {
-                                             editing_->hear(id, made);
-                                             tellEditing();
-                                           });
-                                         },
-                                         say});
+      editing_->leave();
+      editing_.emplace(editor());
     }
+    editing_->connected();
     tellEditing();
   }
 
@@ -258,7 +251,7 @@ class Client {
     if (answer.resend) ++figures_.mismatches, conversation().resend(*answer.resend);
     if (edits_) edits_->know(iteration.edit);
     if (settings_.candidates != 0 && iteration.candidates) {
-      candidates_ = iteration.candidates->size();
+      figures_.candidates = iteration.candidates->size();
       painting_.candidates(iteration);
     }
     const bool holdsNothing = scene.iteration() == 0;
@@ -309,12 +302,16 @@ class Client {
     tell(kind("members")("members", members));
   }
 
-  void ask(wire::Edit edit, std::function<void(const Outcome<std::uint64_t>&)> done) {
-    if (!isConnected()) return;
-    conversation().ask(std::move(edit), [this, done = std::move(done)](const Outcome<wire::EditAnswer>& answer) {
-      if (isEnding_) return;  // it is sent again over the next line
-      done(answer ? Outcome<std::uint64_t>(answer->number) : Outcome<std::uint64_t>(answer.error()));
-    });
+  core::Editing::To editor() {
+    return {[this](const wire::Edit& edit) {
+              if (!isConnected()) return;
+              conversation().ask(edit, [this, id = edit.id](const Outcome<wire::EditAnswer>& answer) {
+                if (isEnding_) return;  // it is sent again over the next line
+                editing_->hear(id, answer ? Outcome<std::uint64_t>(answer->number) : Outcome<std::uint64_t>(answer.error()));
+                tellEditing();
+              });
+            },
+            say};
   }
   void tellEditing() {
     tell(kind("editing")("editing", Object()("tool", static_cast<std::uint32_t>(editing_->tool()))("words", editing_->words())(
@@ -345,7 +342,7 @@ class Client {
                                         "leaves", follower_.scene().index().size())("settled", f.isSettled && hasAllEdits())(
                                         "edit", f.edit)("pose", number_)("changes", painting_.changes())("hashOk", f.agrees)(
                                         "effectiveThreshold", f.threshold)("bytes", f.bytes)("decoded", f.decoded)("hashes", f.hashes)(
-                                        "mismatches", f.mismatches)("candidates", candidates_)("decodeMs", 0)("latencyMs", f.latency)));
+                                        "mismatches", f.mismatches)("candidates", f.candidates)("decodeMs", 0)("latencyMs", f.latency)));
   }
   void tellGround() {
     if (!camera_) return;
@@ -362,7 +359,7 @@ class Client {
 
   void showNoCandidates() {
     painting_.noCandidates();
-    if (std::exchange(candidates_, 0) != 0) tellFigures();
+    if (std::exchange(figures_.candidates, 0) != 0) tellFigures();
   }
 
   // ---- edited ground ----
@@ -377,14 +374,15 @@ class Client {
     if (find) conversation().find(*find);
     if (!want.squares.empty()) conversation().want(want);
     const std::size_t before = painting_.changes();
-    const bool hadAll = std::exchange(hadAllEdits_, hasAllEdits());
+    const bool hadAll = std::exchange(figures_.hadAllEdits, hasAllEdits());
     painting_.squares(&*edits_);
-    if (figures_.iteration != 0 && (painting_.changes() != before || hadAll != hadAllEdits_)) tellFigures();
+    if (figures_.iteration != 0 && (painting_.changes() != before || hadAll != figures_.hadAllEdits)) tellFigures();
   }
 
   struct Figures {
     std::uint64_t iteration = 0, edit = 0, bytes = 0, decoded = 0, hashes = 0, mismatches = 0;
-    bool isSettled = false, agrees = false;
+    std::size_t candidates = 0;
+    bool isSettled = false, agrees = false, hadAllEdits = true;
     double threshold = 0, latency = 0;
   };
   struct Seen {
@@ -401,18 +399,15 @@ class Client {
   std::uint64_t sequence_ = 0;                          // the stream's
   std::deque<std::pair<std::uint64_t, double>> poses_;  // without an answer: their sequences, and when they were sent
   std::string host_;
-  std::optional<core::Editing> editing_;
-  std::string editingOf_;  // which host and session
+  std::optional<core::Editing> editing_{editor()};  // never empty
+  std::string editingOf_;                           // which host and session
   core::ClockBar bar_;
-  bool hasMesh_ = false;
-  std::uint64_t contentHash_ = 0;  // of what is held
+  std::optional<std::uint64_t> contentHash_;  // of what is held
   core::Follower follower_;
   std::optional<core::HeldEdits> edits_;  // of a world that tells them
   std::string editsOf_;                   // which
-  bool hadAllEdits_ = true;
   Figures figures_;
   Seen seen_;
-  std::size_t candidates_ = 0;
   Painting painting_;
 };
 

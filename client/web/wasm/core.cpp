@@ -58,11 +58,7 @@ void pose(double x, double z, double y, double yaw, double pitch, double fov, st
 }
 EXPORT(candidates) void candidates(bool wanted) { client.wantCandidates(wanted); }
 EXPORT(threshold) void threshold(double pixels) { client.setThreshold(pixels); }
-EXPORT(edit) void edit(std::uint32_t id, std::size_t key, std::size_t operation) {
-  Given texts;
-  std::string name = texts.text(key);
-  client.edit(id, std::move(name), texts.text(operation));
-}
+EXPORT(edit) void edit(std::uint32_t id, std::size_t operation) { client.edit(id, Given().text(operation)); }
 EXPORT(setClock) void setClock(double rate, double microseconds, double now) { client.setClock(rate, microseconds, now); }
 EXPORT(drive) void drive(Client::Drive drive, double microseconds, double now) { client.drive(drive, microseconds, now); }
 EXPORT(act) void act(Client::Act act, double by) { client.act(act, by); }

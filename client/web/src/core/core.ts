@@ -33,7 +33,7 @@ interface Functions {
   pose(x: number, z: number, y: number, yaw: number, pitch: number, fov: number, width: number, height: number, number: number, now: number): void;
   candidates(wanted: number): void;
   threshold(pixels: number): void;
-  edit(id: number, key: number, operation: number): void;
+  edit(id: number, operation: number): void;
   setClock(rate: number, time: number, now: number): void;
   drive(drive: number, microseconds: number, now: number): void;
   act(act: number, by: number): void;
@@ -128,9 +128,8 @@ export class Core {
   threshold(pixels: number): void {
     this.wasm.threshold(pixels);
   }
-  edit(id: number, key: string, operation: string): void {
-    const sizes = this.give(key, operation);
-    this.wasm.edit(id, sizes[0]!, sizes[1]!);
+  edit(id: number, operation: string): void {
+    this.wasm.edit(id, this.give(operation)[0]!);
   }
   setClock(rate: number, time: number): void {
     this.wasm.setClock(rate, time, now());

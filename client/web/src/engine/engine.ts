@@ -62,7 +62,7 @@ export class Engine {
       case 'threshold':
         return this.say((core) => core.threshold(message.pixels));
       case 'edit':
-        return this.say((core) => core.edit(message.id, message.key, message.operation));
+        return void this.make().then(() => this.say((core) => core.edit(message.id, message.operation)), () => {}); // start() says so
       case 'brush':
         return this.core ? this.say((core) => core.brush(message.brush)) : this.tell({ kind: 'touched' });
       case 'act':
@@ -87,15 +87,14 @@ export class Engine {
     this.stop();
     const mine = ++this.starts;
     try {
-      const { draco, core } = await this.load();
+      await this.make();
       if (mine !== this.starts) return; // started again meanwhile
-      this.core ??= this.make(core, draco);
     } catch (error) {
       this.parts = undefined;
       return this.tell({ kind: 'lost', sentence: `The page could not load its parts: ${error instanceof Error ? error.message : error}. Reload it.`, final: true, wantsToken: false });
     }
     const { url, token, name, threshold } = message, { host, searchParams } = new URL(url);
-    this.line = new Line(this.core, {
+    this.line = new Line(this.core!, {
       // A page cannot set headers of a WebSocket: a token travels as a subprotocol.
       open: () => new WebSocket(url, token ? ['ridgecast.v1', `bearer.${token}`] : []) as unknown as Socket,
       onLost: (loss) => this.tell({ kind: 'lost', ...loss }),
@@ -113,17 +112,18 @@ export class Engine {
     return (this.parts ??= this.loadParts());
   }
 
-  private make(module: WebAssembly.Module, draco: DracoDecode): Core {
-    const core = new Core(module, draco, {
+  private async make(): Promise<void> {
+    const { draco, core: module } = await this.load();
+    if (this.core) return;
+    const core = (this.core = new Core(module, draco, {
       dial: () => this.line?.dial(),
       send: (frame) => this.line?.send(frame),
       hangUp: (why) => this.line?.hangUp(why),
       tell: (message) => this.tell(message.kind === 'figures' ? this.timed(message) : message),
       paint: (message, transfer) => this.painter?.postMessage(message, transfer),
-    });
+    }));
     if (this.posed) core.pose(this.posed.camera, this.posed.number);
     core.candidates(this.wantsCandidates);
-    return core;
   }
 
   private say(what: (core: Core) => void): void {

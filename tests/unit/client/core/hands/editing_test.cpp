@@ -193,6 +193,37 @@ TEST(Editing, WhatIsNotAnsweredGoesAgainOverTheNextConnectionWithItsKeyAFewTimes
   EXPECT_NE(page.said.back().find("check whether it was made"), std::string::npos);
 }
 
+TEST(Editing, AProgramsEditsWaitInTheSameList) {
+  Page page;
+  std::vector<std::string> heard;
+  const auto make = [&] {
+    page.editing.make(R"({"op":"raise"})",
+                      [&](const Outcome<std::uint64_t>& made) { heard.push_back(made ? std::to_string(*made) : made.error().message); });
+  };
+  make();
+  page.editing.connected();
+  ASSERT_EQ(page.sent.size(), 2u);
+  EXPECT_EQ(page.sent[1].key, page.sent[0].key);
+  EXPECT_EQ(page.sent[1].operation, R"({"op":"raise"})");
+  page.answer(4);
+  page.answer(4);
+  make();
+  page.refuse("Too large.");
+  EXPECT_EQ(heard, (std::vector<std::string>{"4", "Too large."}));
+  EXPECT_FALSE(page.editing.mayUndo());
+  EXPECT_TRUE(page.said.empty());
+  make();
+  for (int k = 0; k < 9; ++k) page.editing.connected();
+  EXPECT_EQ(page.sent.size(), 6u);
+  EXPECT_NE(heard.back().find("check whether it was made"), std::string::npos);
+  for (std::size_t k = 0; k <= Editing::kMaxWaiting; ++k) make();
+  ASSERT_EQ(heard.size(), 4u);
+  EXPECT_NE(heard.back().find("256 edits wait"), std::string::npos);
+  page.editing.leave();
+  EXPECT_EQ(heard.size(), 4 + Editing::kMaxWaiting);
+  EXPECT_NE(heard.back().find("another session"), std::string::npos);
+}
+
 TEST(Editing, OnlySoManyWait) {
   Page page;
   page.editing.choose(Tool::kRoad);
