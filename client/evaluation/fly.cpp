@@ -8,7 +8,6 @@
 #include <memory>
 #include <optional>
 #include <string>
-#include <thread>
 #include <utility>
 #include <vector>
 
@@ -56,24 +55,80 @@ struct Drawer {
   }
 };
 
+// What this client knows of the ground itself: the terrain, with the height map's tiles and the edits around the camera.
+class KnownGround {
+ public:
+  KnownGround(link::Client& client, render::Drawing drawing)
+      : client_(client),
+        terrain_(std::move(drawing.terrain)),
+        edited_(terrain_),
+        window_(std::move(drawing.window)),
+        edits_(client.world().horizon) {
+    if (window_) texture_.emplace(window_->shape());
+  }
+
+  const terrain::Terrain* terrain() const { return edited_.get(); }  // null: unknown
+
+  // Waits for a height map's tiles and for edits around the camera, so that the same flight gives the same pictures. True: edits changed
+  // what is known. By the clock, a lost connection is not waited for.
+  Outcome<bool> fetch(lattice::Point p, bool isRealtime) {
+    if (!terrain_) return false;
+    edits_.moveTo(p);
+    if (window_) window_->moveTo(p);
+    for (const auto until = std::chrono::steady_clock::now() + kTilesTimeout;;) {
+      auto exchanged = client_.exchangeEdits(edits_);
+      if (exchanged && window_) exchanged = client_.exchangeTiles(*window_);
+      if (!exchanged) return exchanged.error();
+      if (edits_.complete() && (!window_ || window_->complete())) break;
+      const auto lost = client_.connection().error();
+      if (lost && isRealtime) break;  // it comes back
+      if (lost) return *lost;
+      if (*exchanged) continue;
+      if (!client_.connection().wait(std::chrono::ceil<std::chrono::milliseconds>(until - std::chrono::steady_clock::now()),
+                                     [](const core::Reconnector& r) { return r.lost() || r.conversation().hasGround(); }))
+        return Error{"the server has not sent the heights around the camera for " + std::to_string(kTilesTimeout / 1s) + " s"};
+    }
+    if (window_) texture_->update(*window_, static_cast<std::size_t>(render::HeightTexture::kTiles * render::HeightTexture::kTiles));
+    editTexture_.update(edits_, p, core::HeldEdits::kMaxHeld);
+    if (std::exchange(editsSeen_, edits_.version()) == edits_.version()) return false;
+    edited_ = std::make_shared<edits::EditedTerrain>(terrain_, edits_.layer());
+    return true;
+  }
+  std::optional<double> height(lattice::Point p) const {
+    return terrain_ && (!window_ || window_->knows(p)) ? std::optional(edited_->height(p)) : std::nullopt;
+  }
+  void addTo(render::View& view) const {
+    if (!terrain_) return;
+    const render::HeightBounds bounds = render::boundsAround(*edited_, {view.camera.pose.x, view.camera.pose.z}, view.horizon);
+    view.lowest = bounds.lowest;
+    view.highest = bounds.highest;
+    view.heights = texture_ ? &*texture_ : nullptr;
+    view.edits = &editTexture_;
+  }
+
+ private:
+  link::Client& client_;
+  std::shared_ptr<const terrain::Terrain> terrain_, edited_;  // edited_: with edits_
+  std::shared_ptr<core::HeightWindow> window_;                // of a height map; otherwise null
+  std::optional<render::HeightTexture> texture_;
+  core::HeldEdits edits_;
+  std::uint64_t editsSeen_ = 0;
+  render::EditTexture editTexture_;
+};
+
 class Measurer final : flight::Observer {
  public:
   Measurer(const FlyOptions& options, camera::Path path, link::Client& client, Drawer drawer, Recorder recorder)
       : options_(options),
         client_(client),
         scene_(client.scene()),
-        terrain_(std::move(drawer.drawing.terrain)),
-        edited_(terrain_),
-        window_(std::move(drawer.drawing.window)),
-        edits_(client.world().horizon),
+        ground_(std::in_place, client, std::move(drawer.drawing)),
         renderer_(std::move(drawer.renderer)),
         recorder_(std::move(recorder)),
         flight_(
             options, std::move(path), client, [this](lattice::Point p) { return ground(p); }, *this),
         pictureEvery_(options.framesEvery.value_or(std::max(flight_.duration() / 6, 1 / options.rate))),
-        nextPicture_(pictureEvery_) {
-    if (window_) texture_.emplace(window_->shape());
-  }
+        nextPicture_(pictureEvery_) {}
 
   Outcome<void> run() {
     if (auto warm = warmUp(); !warm) return warm;
@@ -114,29 +169,10 @@ class Measurer final : flight::Observer {
     return {};
   }
 
-  // Waits for a height map's tiles and for edits around the camera, so that the same flight gives the same pictures.
   Outcome<void> fetchGround(lattice::Point p) {
-    if (!terrain_) return {};
-    edits_.moveTo(p);
-    if (window_) window_->moveTo(p);
-    for (const auto began = Clock::now();;) {
-      auto exchanged = client_.exchangeEdits(edits_);
-      if (exchanged && window_) exchanged = client_.exchangeTiles(*window_);
-      if (!exchanged) return exchanged.error();
-      if (edits_.complete() && (!window_ || window_->complete())) break;
-      const auto lost = client_.connection().error();
-      if (lost && options_.realtime) break;  // it comes back
-      if (lost) return *lost;
-      if (*exchanged) continue;
-      if (Clock::now() - began > kTilesTimeout)
-        return Error{"the server has not sent the heights around the camera for " + std::to_string(kTilesTimeout / 1s) + " s"};
-      std::this_thread::sleep_for(1ms);
-    }
-    if (window_) texture_->update(*window_, static_cast<std::size_t>(render::HeightTexture::kTiles * render::HeightTexture::kTiles));
-    editTexture_.update(edits_, p, core::HeldEdits::kMaxHeld);
-    if (std::exchange(editsSeen_, edits_.version()) == edits_.version()) return {};
-    edited_ = std::make_shared<edits::EditedTerrain>(terrain_, edits_.layer());
-    lastMarch_ = References{1};
+    const auto changed = ground_->fetch(p, options_.realtime);
+    if (!changed) return changed.error();
+    if (*changed) lastMarch_.clear();
     return {};
   }
 
@@ -147,7 +183,8 @@ class Measurer final : flight::Observer {
 
   Outcome<double> ground(lattice::Point p) {
     if (auto fetched = fetchGround(p); !fetched) return fetched.error();
-    return terrain_ && (!window_ || window_->knows(p)) ? edited_->height(p) : scene_.height(p).value_or(0);
+    if (const auto known = ground_->height(p)) return *known;
+    return scene_.height(p).value_or(0);
   }
 
   render::View view(std::uint32_t width = 0, std::uint32_t height = 0) const {
@@ -156,12 +193,7 @@ class Measurer final : flight::Observer {
     if (width > 0) view.camera.projection.width = width;
     if (height > 0) view.camera.projection.height = height;
     view.horizon = client_.world().horizon;
-    if (!terrain_) return view;
-    const render::HeightBounds bounds = render::boundsAround(*edited_, {view.camera.pose.x, view.camera.pose.z}, view.horizon);
-    view.lowest = bounds.lowest;
-    view.highest = bounds.highest;
-    view.heights = texture_ ? &*texture_ : nullptr;
-    view.edits = &editTexture_;
+    ground_->addTo(view);
     return view;
   }
 
@@ -209,18 +241,11 @@ class Measurer final : flight::Observer {
     earlierBytes_ += client_.connection().bytesReceived();
     earlierReconnections_ += client_.connection().reconnections();
     if (auto entered = client_.enterOtherWorld(); !entered) return entered;
-    terrain_.reset();  // before what it is drawn with
-    edited_.reset();
     auto drawer = Drawer::create(client_.world(), options_.remoteShaders);
     if (!drawer) return drawer.error();
-    terrain_ = std::move(drawer->drawing.terrain);
-    window_ = std::move(drawer->drawing.window);
+    ground_.emplace(client_, std::move(drawer->drawing));  // before what it was drawn with goes
     renderer_ = std::move(drawer->renderer);
-    texture_.reset();
-    if (window_) texture_.emplace(window_->shape());
-    edited_ = terrain_;
-    edits_ = core::HeldEdits(client_.world().horizon);
-    lastMarch_ = References{1};
+    lastMarch_.clear();
     states_.clear();
     lost_ = false;
     return {};
@@ -246,7 +271,7 @@ class Measurer final : flight::Observer {
     ++pictures_;
     if (auto fetched = fetchGroundHere(); !fetched) return fetched.error();
     // Where the terrain is not known there is nothing to compare with.
-    if (!terrain_) return recorder_.meshPicture(name, renderer_, scene_, view(), options_.supersample);
+    if (!ground_->terrain()) return recorder_.meshPicture(name, renderer_, scene_, view(), options_.supersample);
     auto compared = recorder_.picture(
         name, renderer_, scene_, view(),
         {options_.supersample, options_.corrected, options_.unfiltered, options_.references ? options_.references : &lastMarch_});
@@ -288,7 +313,7 @@ class Measurer final : flight::Observer {
       if (auto written = exportMesh(); !written) return written;
     if (options_.atRest) {
       if (auto fetched = fetchGroundHere(); !fetched) return fetched;
-      if (auto measured = options_.atRest({renderer_, scene_, view(), edited_.get(), recorder_.summary().isSettled}); !measured)
+      if (auto measured = options_.atRest({renderer_, scene_, view(), ground_->terrain(), recorder_.summary().isSettled}); !measured)
         return measured;
     } else if (options_.pictures) {
       if (auto drawn = takePicture("settled", true); !drawn) return drawn;
@@ -322,12 +347,7 @@ class Measurer final : flight::Observer {
   const FlyOptions& options_;
   link::Client& client_;
   const core::Scene& scene_;
-  std::shared_ptr<const terrain::Terrain> terrain_, edited_;  // edited_: with edits_
-  std::shared_ptr<core::HeightWindow> window_;                // of a height map; otherwise null
-  std::optional<render::HeightTexture> texture_;
-  core::HeldEdits edits_;
-  std::uint64_t editsSeen_ = 0;
-  render::EditTexture editTexture_;
+  std::optional<KnownGround> ground_;  // never empty
   render::Renderer renderer_;
   Recorder recorder_;
   References lastMarch_{1};  // the picture at rest often is where the last one was

@@ -25,8 +25,9 @@ class OwnServer {
   std::uint16_t port() const { return port_; }
 
  private:
-  OwnServer(pid_t pid) : pid_(pid) {}
-  pid_t pid_;
+  OwnServer(pid_t pid, int end) : pid_(pid), end_(end) {}
+  const pid_t pid_;
+  const int end_;  // readable once it has ended
   std::uint16_t port_ = 0;
 };
 

@@ -12,6 +12,7 @@
 #include "client/core/mesh/scene.h"
 #include "client/evaluation/results.h"
 #include "client/render/renderer.h"
+#include "common/outcome/contract.h"
 #include "common/outcome/outcome.h"
 
 namespace ridgecast::evaluation {
@@ -30,7 +31,7 @@ class References {
   };
 
   // Keeps `most` of them, 1 and up; the oldest go first. One of 1280 x 720 pixels has 7 MB.
-  explicit References(std::size_t most) : most_(most) {}
+  explicit References(std::size_t most) : most_(most) { expects(most >= 1, "there is room for one ray march"); }
 
   // The march for this camera, with an unfiltered picture if requested; null: none yet. Valid until the next `keep`.
   const March* find(const camera::Camera& camera, std::uint32_t samples, bool unfiltered) const;

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "common/outcome/contract.h"
+
 namespace ridgecast::flight {
 
 using namespace std::chrono_literals;
@@ -52,6 +54,7 @@ Outcome<void> Flight::send(double t) {
 
 Outcome<void> Flight::take(const link::Update& update) {
   const std::uint64_t pose = update.iteration.poseSequence;
+  expects(sent_.size() <= kMaxSent, "poses without an answer are forgotten in time");
   settled_ = update.iteration.settled && !update.wrong ? pose : 0;
   double t = 0, latencyMs = 0;
   if (const auto sent = sent_.find(pose); sent != sent_.end()) {
@@ -64,6 +67,7 @@ Outcome<void> Flight::take(const link::Update& update) {
 
 // In lock-step.
 Outcome<void> Flight::step(double t) {
+  expects(!options_.realtime, "steps are for lock-step");
   const auto began = Clock::now();
   if (auto sent = send(t); !sent) return sent;
   const auto update = client_.await(sequence_, kTimeout);

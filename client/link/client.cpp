@@ -7,6 +7,8 @@
 #include <thread>
 #include <utility>
 
+#include "common/outcome/contract.h"
+
 namespace ridgecast::link {
 
 using namespace std::chrono_literals;
@@ -78,6 +80,7 @@ std::optional<Update> Client::receive(std::chrono::milliseconds timeout) {
 }
 
 Outcome<Update> Client::await(std::uint64_t sequence, std::chrono::milliseconds timeout) {
+  expects(sequence > 0 && sequence <= sequence_, "a pose that is awaited was sent");
   for (const auto until = Clock::now() + timeout;;) {
     auto update = receive(std::chrono::ceil<std::chrono::milliseconds>(until - Clock::now()));
     if (update && update->iteration.poseSequence >= sequence) return std::move(*update);

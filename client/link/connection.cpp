@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "client/link/websocket.h"
+#include "common/outcome/contract.h"
 
 namespace ridgecast::link {
 
@@ -82,6 +83,7 @@ struct Connection::Impl final : WebSocket::Listener {
     };
     while (changed_.wait_until(lock, until, hasNews) && reconnector_.hasReturned()) {
       reconnector_.goOn(resume_ ? resume_() : std::vector<wire::Resume>());
+      changed_.notify_all();
       wake();
     }
     return reconnector_.conversation().receive();
@@ -139,6 +141,7 @@ struct Connection::Impl final : WebSocket::Listener {
 
   bool hold(WebSocket* socket) {
     const std::lock_guard lock(mutex_);
+    expects(!socket || !socket_, "there is one line at a time");
     socket_ = socket;
     writing_ = false;
     if (socket && givesUp_) socket->giveUp();
@@ -146,6 +149,7 @@ struct Connection::Impl final : WebSocket::Listener {
   }
 
   void opened() override {
+    expects(!writing_, "nothing is sent before hello");
     writing_ = true;
     socket_->send(reconnector_.opened());
   }
@@ -183,6 +187,7 @@ struct Connection::Impl final : WebSocket::Listener {
   }
 
   void sent() override {
+    expects(writing_, "a frame that was sent was being written");
     writing_ = false;
     write();
   }
@@ -264,11 +269,14 @@ std::future<Outcome<wire::EditAnswer>> Connection::edit(wire::Edit edit) { retur
 
 std::optional<core::Received> Connection::receive(milliseconds timeout) { return impl_->receive(timeout); }
 
-bool Connection::waitForClock(std::uint64_t seen, milliseconds timeout) const {
+bool Connection::wait(milliseconds timeout, const std::function<bool(const Reconnector&)>& holds) const {
   std::unique_lock lock(impl_->mutex_);
-  const auto newer = [&] { return impl_->reconnector_.conversation().clock().version() > seen; };
-  impl_->changed_.wait_for(lock, timeout, [&] { return newer() || impl_->reconnector_.lost(); });
-  return newer();
+  return impl_->changed_.wait_for(lock, timeout, [&] { return holds(impl_->reconnector_); });
+}
+bool Connection::waitForClock(std::uint64_t seen, milliseconds timeout) const {
+  bool isNewer = false;
+  wait(timeout, [&](const Reconnector& r) { return (isNewer = r.conversation().clock().version() > seen) || r.lost(); });
+  return isNewer;
 }
 
 void Connection::applied() {

@@ -82,8 +82,8 @@ class Connection {
 
   // With hello.clock: the session's clock, requested repeatedly so that it stays good to a fraction of a round trip.
   core::SessionClock clock() const;
-  // Waits until something newer than `seen` (core::SessionClock::version) was heard; false when nothing was within `timeout` or the
-  // connection has ended.
+  // Waits until something newer than `seen` (core::SessionClock::version) was heard; false: nothing was within `timeout`, or the connection
+  // has ended.
   bool waitForClock(std::uint64_t seen, std::chrono::milliseconds timeout) const;
   // Never block. At most core::kMaxWaiting of these wait to leave: one more ends the connection with an error.
   void setClock(const wire::SetClock& set);
@@ -112,6 +112,9 @@ class Connection {
   wire::Settings granted() const;  // the settings the server iterates by, as last heard
 
   void applied();  // an iteration was applied without an error: resets the pause
+
+  // Any thread: waits until this holds of what was heard, at most `timeout`; whether it does. It must not call the connection.
+  bool wait(std::chrono::milliseconds timeout, const std::function<bool(const core::Reconnector&)>& holds) const;
 
   std::optional<Error> error() const;  // why there is no connection at the moment
   // Where a leaving server has sent us; empty: the same place.

@@ -14,6 +14,7 @@
 #include <utility>
 
 #include "client/link/dial.h"
+#include "common/outcome/contract.h"
 
 namespace ridgecast::link {
 
@@ -85,20 +86,21 @@ class Download {
 
   // The number of bytes. Error: also an answer of another status than 200, which status() and sentence() then have.
   Outcome<std::uint64_t> run(const std::string& method, const std::string& target) {
+    expects(request_.empty(), "a download is run once");
     request_ = method + " " + target + " HTTP/1.1\r\nHost: " + where_ +
                "\r\nUser-Agent: ridgecast-client\r\nAccept: */*\r\nPrefer: progress\r\nConnection: close\r\n" +
                (url_.token.empty() ? "" : "Authorization: Bearer " + url_.token + "\r\n") + "\r\n";
     dial(url_, resolver_, channel_, step_, [this](std::optional<std::string> wrong) {
-      if (!ended_) wrong ? end(std::move(*wrong)) : ask();
+      if (!ended()) wrong ? end(std::move(*wrong)) : ask();
     });
-    while (!ended_) {
+    while (!ended()) {
       context_.run_one_for(kTellEvery);
       context_.poll();
       if (Clock::now() - told_ >= kTellEvery) report();
-      if (!ended_ && Clock::now() - lastWord_ > timeout_)
+      if (!ended() && Clock::now() - lastWord_ > timeout_)
         end(header_ ? "the server stopped sending"
                     : "no answer from " + where_ + " within " + std::to_string(timeout_.count() / 1000) + " s");
-      if (!ended_ && stop_.stop_requested()) end("given up");
+      if (!ended() && stop_.stop_requested()) end("given up");
       if (context_.stopped()) context_.restart();
     }
     channel_.close();
@@ -106,8 +108,9 @@ class Download {
     report();
     return progress_.received;
   }
-  int status() const { return status_; }  // 0: no whole answer has come
-  const std::string& sentence() const { return sentence_; }
+  bool ended() const { return isWhole_ || error_; }
+  int status() const { return isWhole_ ? header_->status : 0; }  // 0: no whole answer has come
+  std::string sentence() const { return sentenceOf(text_); }
 
  private:
   void report() {
@@ -116,10 +119,7 @@ class Download {
     progress_.total = header_ ? header_->length.value_or(0) : 0;
     if (tell_) tell_(progress_);
   }
-  void end(std::string why) {
-    ended_ = true;
-    error_ = Error{std::move(why)};
-  }
+  void end(std::string why) { error_ = Error{std::move(why)}; }
 
   void ask() {
     asio::async_write(channel_, asio::buffer(request_), [this](error_code ec, std::size_t) {
@@ -130,10 +130,10 @@ class Download {
 
   void read() {
     channel_.async_read_some(asio::buffer(buffer_), [this](error_code ec, std::size_t bytes) {
-      if (ended_) return;
+      if (ended()) return;
       lastWord_ = Clock::now();
       take({buffer_.data(), bytes});
-      if (ended_) return;
+      if (ended()) return;
       if (!ec) return read();
       if (header_ && !header_->length && ec == asio::error::eof) return complete();
       end("the connection to " + where_ + " was lost before all had come: " + ec.message());
@@ -171,13 +171,11 @@ class Download {
   }
 
   void complete() {
-    status_ = header_->status;
-    if (status_ != 200) {
-      sentence_ = sentenceOf(text_);
-      const std::string later = header_->retryAfter.empty() ? "" : " (try again in " + header_->retryAfter + " s)";
-      return end("the server at " + where_ + " says: " + (sentence_.empty() ? "HTTP " + std::to_string(status_) : sentence_) + later);
-    }
-    ended_ = true;
+    expects(header_ && !ended(), "an answer has a header, and is complete once");
+    isWhole_ = true;
+    if (header_->status == 200) return;
+    const std::string later = header_->retryAfter.empty() ? "" : " (try again in " + header_->retryAfter + " s)";
+    end("the server at " + where_ + " says: " + (sentence().empty() ? "HTTP " + std::to_string(header_->status) : sentence()) + later);
   }
 
   const core::Url& url_;
@@ -191,14 +189,12 @@ class Download {
   transport::Channel channel_{asio::ip::tcp::socket(context_)};
   Dialing step_ = Dialing::kResolving;
   std::string request_, text_;  // what was read of the header, then of a refusal's sentence
-  int status_ = 0;
-  std::string sentence_;
   std::array<char, 65'536> buffer_;
   std::optional<Header> header_;
   Progress progress_;
   const Clock::time_point begun_ = Clock::now();
   Clock::time_point lastWord_ = begun_, told_{};
-  bool ended_ = false;
+  bool isWhole_ = false;
   std::optional<Error> error_;
 };
 

@@ -7,12 +7,12 @@
 #include <iterator>
 #include <limits>
 #include <mutex>
-#include <thread>
 
 #include "common/edits/edited_terrain.h"
 #include "common/edits/history.h"
 #include "common/edits/json.h"
 #include "common/glsl/declaration.h"
+#include "common/outcome/contract.h"
 #include "common/wire/wire.h"
 
 namespace ridgecast::query {
@@ -102,6 +102,11 @@ struct Ground::Heard {
       if (keepsOperations) edits.push_back(std::move(made));
     }
   }
+  std::uint64_t missing(link::Connection& from) {  // one to wait for; 0: none
+    listen(from);
+    const std::lock_guard lock(mutex);
+    return last < awaited ? awaited : 0;
+  }
   void add(std::string_view text) {
     for (std::size_t at = 0; at < text.size(); at += sizeof(std::uint64_t)) {
       std::uint64_t word = 0;
@@ -182,22 +187,17 @@ Ground::Ground(link::Connection& connection, std::chrono::milliseconds timeout)
   know(world.edit);
 }
 
-Outcome<void> Ground::hear() const {
+Outcome<void> Ground::hear(std::chrono::milliseconds timeout) const {
   if (!heard_) return {};
-  for (const auto until = std::chrono::steady_clock::now() + timeout_;;) {
-    heard_->listen(*connection_);
-    {
-      const std::lock_guard lock(heard_->mutex);
-      if (heard_->last >= heard_->awaited) return {};
-      if (std::chrono::steady_clock::now() >= until)
-        return Error{"the session's " + std::to_string(heard_->awaited) + " edits did not come within " + std::to_string(timeout_.count()) +
-                     " ms"};
-    }
-    std::this_thread::sleep_for(std::chrono::milliseconds(1));
-  }
+  const std::uint64_t edit = heard_->missing(*connection_);
+  if (edit == 0) return {};
+  connection_->wait(timeout, [edit](const core::Reconnector& r) { return r.conversation().told() >= edit; });
+  if (heard_->missing(*connection_) == 0) return {};
+  return Error{"the session's " + std::to_string(edit) + " edits did not come within " + std::to_string(timeout.count()) + " ms"};
 }
 
 Outcome<Ground::Known> Ground::local() const {
+  expects(local_ != nullptr, "a ground that the server answers for is not asked here");
   if (!edited_) return Known{local_};
   const std::lock_guard lock(edited_->mutex);
   if (auto come = hear(); !come) return come.error();
@@ -216,6 +216,7 @@ std::uint64_t Ground::hash() const {
 template <class Number, class Make, class Take>
 Outcome<void> Ground::ask(std::size_t count, std::size_t each, std::span<Number> out, std::size_t numbers, const Make& make,
                           const Take& take) const {
+  expects(out.size() == count * numbers, "there is room for each answer");
   if (heard_) heard_->listen(*connection_);
   const auto until = std::chrono::steady_clock::now() + timeout_;
   std::deque<std::future<Outcome<wire::Answer>>> open;

@@ -62,7 +62,8 @@ class Ground {
   // From now on, answers include this edit, which the server has acknowledged. (Local ones wait for it.)
   void know(std::uint64_t edit);
   // Takes in edits, whatever the source; any thread. Waits for every edit passed to know(). Error: they did not come in time.
-  Outcome<void> hear() const;
+  Outcome<void> hear() const { return hear(timeout_); }
+  Outcome<void> hear(std::chrono::milliseconds timeout) const;
   // Where edits after this one have changed the ground, as far as heard.
   News since(std::uint64_t edit) const;
   // The terrain's content hash, changed by each edit heard: equal for an equal terrain with equal edits, undone ones included.

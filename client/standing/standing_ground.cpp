@@ -4,6 +4,8 @@
 #include <cmath>
 #include <string>
 
+#include "common/outcome/contract.h"
+
 namespace ridgecast::standing {
 
 using namespace std::chrono_literals;
@@ -52,7 +54,8 @@ Source sourceOf(query::Ground ground) {
             if (auto known = shared->heights(x, z, out, &edit); !known) return known.error();
             return edit;
           },
-          [shared](std::uint64_t edit) { return shared->since(edit); }};
+          [shared](std::uint64_t edit) { return shared->since(edit); },
+          [shared](std::chrono::milliseconds timeout) { static_cast<void>(shared->hear(timeout)); }};
 }
 
 Outcome<std::unique_ptr<StandingGround>> StandingGround::open(Source source, const Options& options) {
@@ -129,6 +132,7 @@ void StandingGround::remove(const Window& window) {
   for (std::int64_t i = window.i0; i <= window.i1; ++i)
     for (std::int64_t j = window.j0; j <= window.j1; ++j) {
       const auto at = places_.find({i, j});
+      expects(at != places_.end() && at->second.bodies > 0, "a window that goes was added before");
       if (--at->second.bodies > 0) continue;
       wanted_.erase({at->second.distance, at->first});
       stale_.erase({at->second.distance, at->first});
@@ -137,6 +141,7 @@ void StandingGround::remove(const Window& window) {
           gone_.push_back(at->second.tile);
         else
           came_.erase(at->first);
+        expects(made_ > 0, "a tile that goes was counted");
         --made_;
       }
       places_.erase(at);
@@ -179,6 +184,7 @@ Changes StandingGround::changes() {
   Changes changes{std::exchange(gone_, {}), {}};
   for (const Key& key : came_) {
     Place& place = places_.at(key);
+    expects(place.tile && !place.told, "a tile that came is there, and was not told of");
     place.told = true;
     changes.came.push_back(place.tile);
   }
@@ -198,10 +204,8 @@ std::size_t StandingGround::bytes() const {
 
 Outcome<void> StandingGround::wait(std::chrono::milliseconds timeout) {
   const auto until = std::chrono::steady_clock::now() + timeout;
-  while (const std::uint64_t awaited = hear()) {
-    if (std::chrono::steady_clock::now() >= until) return Error{"edit " + std::to_string(awaited) + " was not heard of in time"};
-    std::this_thread::sleep_for(1ms);
-  }
+  if (hear() > 0) source_.hear(timeout);
+  if (const std::uint64_t awaited = hear()) return Error{"edit " + std::to_string(awaited) + " was not heard of in time"};
   std::unique_lock lock(mutex_);
   done_.wait_until(lock, until, [&] { return isDone(); });
   if (wanted_.empty() && stale_.empty()) return {};
@@ -240,6 +244,7 @@ const StandingGround::Queue* StandingGround::next() const {
 }
 
 void StandingGround::keep(Key key, std::shared_ptr<const Tile> tile) {
+  expects(tile != nullptr, "a tile that is kept was made");
   const auto at = places_.find(key);
   if (at == places_.end()) return;  // not wanted any more
   Place& place = at->second;

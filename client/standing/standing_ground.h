@@ -63,6 +63,8 @@ struct Source {
   std::function<Outcome<std::uint64_t>(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out)> heights;
   // Never waits; called by both threads.
   std::function<query::News(std::uint64_t edit)> since;
+  // Waits until what it must know is heard of, or for so long.
+  std::function<void(std::chrono::milliseconds timeout)> hear;
 };
 Source sourceOf(query::Ground ground);
 

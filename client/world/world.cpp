@@ -14,8 +14,6 @@ using Clock = std::chrono::steady_clock;
 
 namespace {
 
-constexpr auto kLook = 20ms;  // between two looks at whether the connection is back
-
 std::chrono::milliseconds left(Clock::time_point until) {
   return std::max(std::chrono::ceil<std::chrono::milliseconds>(until - Clock::now()), 0ms);
 }
@@ -58,11 +56,14 @@ Failure World::failure(const Error& error, Instant until) const {
 Result<void> World::connected(Instant until) {
   const link::Connection& connection = client_->connection();
   while (const auto why = connection.error()) {
-    client_->receive(std::min(left(until), kLook));  // goes on with another conversation
+    client_->receive(0ms);  // takes what came before, or goes on with another conversation
     if (!connection.error()) break;
     if (connection.otherWorld()) return Failure{Fault::kLost, "the server came back with another world: join again"};
     if (Clock::now() >= until || !connection.comesBack())
       return Failure{Fault::kLost, "the connection is lost: " + connection.error().value_or(*why).message};
+    connection.wait(left(until), [](const core::Reconnector& r) {
+      return r.conversation().hasIterations() || r.hasReturned() || !r.comesBack();
+    });
   }
   return {};
 }

@@ -64,23 +64,6 @@ Wrong Conversation::change(const wire::Settings& settings) {
   return std::nullopt;
 }
 
-Wrong Conversation::want(const wire::WantTiles& wanted) {
-  tilesOpen_ += wanted.tiles.size();
-  return outbox_.put(wanted), std::nullopt;
-}
-
-Wrong Conversation::want(const wire::WantSquares& wanted) {
-  if (world_.revision < 5) return std::nullopt;
-  squaresOpen_ += wanted.squares.size();
-  return outbox_.put(wanted), std::nullopt;
-}
-
-Wrong Conversation::find(const wire::FindEdits& find) {
-  if (world_.revision < 5) return std::nullopt;
-  ++findsOpen_;
-  return outbox_.put(find), std::nullopt;
-}
-
 Wrong Conversation::setClock(const wire::SetClock& set) {
   clock_.set();
   return outbox_.put(set);
@@ -124,21 +107,16 @@ std::optional<Received> Conversation::receive() {
   return received;
 }
 
-EditsMade Conversation::takeEdits() { return {lastEdit_ - edits_.size(), world_.edit, std::exchange(edits_, {})}; }
+EditsMade Conversation::takeEdits() {
+  expects(edits_.empty() || edits_.back().number == lastEdit_, "the last edit that waits is the last that was told");
+  return {lastEdit_ - edits_.size(), world_.edit, std::exchange(edits_, {})};
+}
 
 std::uint64_t Conversation::forgetEdits() {
   lastEdit_ -= edits_.size();
   edits_.clear();
   return lastEdit_;
 }
-
-std::vector<wire::HeightTile> Conversation::takeTiles() {
-  expects(tilesOpen_ >= tiles_.size(), "tiles come for those that are requested");
-  tilesOpen_ -= tiles_.size();
-  return std::exchange(tiles_, {});
-}
-
-EditsFound Conversation::takeEditsFound() { return std::exchange(found_, {}); }
 
 Wrong Conversation::take(wire::ServerMessage& message, const Frame& frame) {
   if (const auto* error = std::get_if<wire::ErrorMessage>(&message)) {
@@ -175,26 +153,6 @@ Wrong Conversation::take(wire::Iteration&& iteration, const Frame& frame) {
   waitingBytes_ += frame.bytes;
   edit_ = std::max(edit_, iteration.edit);
   iterations_.push_back({.iteration = std::move(iteration), .bytes = frame.bytes});
-  return std::nullopt;
-}
-
-Wrong Conversation::take(wire::HeightTiles&& come, const Frame&) {
-  if (come.tiles.size() > tilesOpen_ - tiles_.size()) return "sent tiles of heights that were not requested";
-  std::move(come.tiles.begin(), come.tiles.end(), std::back_inserter(tiles_));
-  return std::nullopt;
-}
-
-Wrong Conversation::take(wire::Squares&& come, const Frame&) {
-  if (come.squares.size() > squaresOpen_) return "sent squares of edits that were not requested";
-  squaresOpen_ -= come.squares.size();
-  found_.squares.push_back(std::move(come));
-  return std::nullopt;
-}
-
-Wrong Conversation::take(wire::FoundEdits&& found, const Frame&) {
-  if (findsOpen_ == 0) return "broke the protocol: where edits are, without being asked";
-  --findsOpen_;
-  found_.found.push_back(std::move(found));
   return std::nullopt;
 }
 

@@ -11,6 +11,7 @@
 #include <string>
 #include <vector>
 
+#include "client/core/conversation/asked_ground.h"
 #include "client/core/conversation/outbox.h"
 #include "client/core/conversation/roster.h"
 #include "client/core/conversation/session_clock.h"
@@ -27,10 +28,6 @@ struct EditsMade {
   std::uint64_t after = 0;  // `made` begins after this edit; whatever is held of later ones is void: a recording has gone back
   std::uint64_t there = 0;  // the world's last edit when the conversation began
   std::vector<wire::MadeEdit> made;
-};
-struct EditsFound {
-  std::vector<wire::FoundEdits> found;
-  std::vector<wire::Squares> squares;
 };
 
 class Conversation {
@@ -59,9 +56,9 @@ class Conversation {
   Wrong resume(const wire::Resume& resume);                 // before the first pose
   Wrong resend(const wire::ResendLeaves& resend);           // added to those queued
   Wrong change(const wire::Settings& settings);             // replaces an earlier one
-  Wrong want(const wire::WantTiles& wanted);
-  Wrong want(const wire::WantSquares& wanted);
-  Wrong find(const wire::FindEdits& find);
+  Wrong want(const wire::WantTiles& wanted) { return request(wanted, 0); }
+  Wrong want(const wire::WantSquares& wanted) { return request(wanted, 5); }
+  Wrong find(const wire::FindEdits& find) { return request(find, 5); }
   Wrong setClock(const wire::SetClock& set);
   Wrong step(const wire::ClockStep& step) { return outbox_.put(step); }
   Wrong stepDone(const wire::StepDone& done) { return outbox_.put(done); }
@@ -91,10 +88,12 @@ class Conversation {
   std::optional<Received> receive();
   static constexpr std::size_t kMaxMadeEdits = 1u << 20;  // queued; one more is an error
   EditsMade takeEdits();
-  std::uint64_t forgetEdits();                  // drops those queued; returns the number of the last before them
-  std::uint64_t edit() const { return edit_; }  // the newest that the server has spoken of
-  std::vector<wire::HeightTile> takeTiles();
-  EditsFound takeEditsFound();
+  std::uint64_t told() const { return lastEdit_; }  // the last edit of takeEdits(), taken or not
+  std::uint64_t forgetEdits();                      // drops those queued; returns the number of the last before them
+  std::uint64_t edit() const { return edit_; }      // the newest that the server has spoken of
+  std::vector<wire::HeightTile> takeTiles() { return ground_.takeTiles(); }
+  EditsFound takeEditsFound() { return ground_.takeEdits(); }
+  bool hasGround() const { return ground_.hasCome(); }  // to be taken by these two
 
  private:
   struct Frame {
@@ -108,9 +107,9 @@ class Conversation {
   }
   Wrong take(wire::World&& world, const Frame&);
   Wrong take(wire::Iteration&& iteration, const Frame&);
-  Wrong take(wire::HeightTiles&& come, const Frame&);
-  Wrong take(wire::Squares&& come, const Frame&);
-  Wrong take(wire::FoundEdits&& found, const Frame&);
+  Wrong take(wire::HeightTiles&& come, const Frame&) { return ground_.hear(std::move(come)); }
+  Wrong take(wire::Squares&& come, const Frame&) { return ground_.hear(std::move(come)); }
+  Wrong take(wire::FoundEdits&& come, const Frame&) { return ground_.hear(std::move(come)); }
   Wrong take(wire::Members&& members, const Frame&);
   Wrong take(wire::Clock&& said, const Frame&);
   Wrong take(wire::Edited&& edited, const Frame&);
@@ -118,6 +117,12 @@ class Conversation {
   Wrong take(wire::Answer&& answer, const Frame&);
   Wrong take(wire::Ground&& ground, const Frame&);
   Wrong take(wire::EditAnswer&& answer, const Frame&);
+  template <class Wanted>
+  Wrong request(const Wanted& wanted, std::uint32_t revision) {
+    if (world_.revision < revision) return std::nullopt;
+    ground_.asks(wanted);
+    return outbox_.put(wanted), std::nullopt;
+  }
   Wrong skipStep();
   Error lacks(const char* what) const;
 
@@ -129,10 +134,8 @@ class Conversation {
   wire::Settings granted_;
   std::optional<std::string> sentTo_;
   std::deque<Received> iterations_;
-  std::uint64_t waitingBytes_ = 0;                               // of their frames
-  std::size_t tilesOpen_ = 0, squaresOpen_ = 0, findsOpen_ = 0;  // requested and not taken; requested and not answered
-  std::vector<wire::HeightTile> tiles_;
-  EditsFound found_;
+  std::uint64_t waitingBytes_ = 0;  // of their frames
+  AskedGround ground_;
   std::uint64_t lastEdit_ = 0, edit_ = 0;
   std::vector<wire::MadeEdit> edits_;
   Roster roster_;

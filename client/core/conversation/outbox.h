@@ -10,6 +10,7 @@
 #include <string>
 #include <utility>
 
+#include "common/outcome/contract.h"
 #include "common/outcome/outcome.h"
 #include "common/wire/messages.h"
 #include "common/wire/wire.h"
@@ -26,9 +27,12 @@ template <class Request, class Reply>
 class PendingRequests {
  public:
   using Done = std::function<void(Outcome<Reply>)>;  // called once
-  PendingRequests(std::size_t atATime, std::size_t waiting) : atATime_(atATime), most_(waiting) {}
+  PendingRequests(std::size_t atATime, std::size_t waiting) : atATime_(atATime), most_(waiting) {
+    expects(atATime > 0 && waiting > 0, "requests may wait, and leave");
+  }
 
   void add(Request request, Done done) {
+    expects(done != nullptr, "somebody hears the answer to a request");
     if (failed_) return done(*failed_);
     if (waiting_.size() >= most_) return done(Error{"more than " + std::to_string(most_) + " questions wait for the server"});
     request.id = ++last_;
@@ -39,7 +43,7 @@ class PendingRequests {
     if (waiting_.empty() || open_.size() >= atATime_) return std::nullopt;
     auto [request, done] = std::move(waiting_.front());
     waiting_.pop_front();
-    open_.emplace(request.id, std::move(done));
+    expects(open_.emplace(request.id, std::move(done)).second, "no two requests have the same id");
     return std::move(request);
   }
   // False: it is no answer to a request.

@@ -20,6 +20,7 @@ std::optional<Url> Reconnector::dial(Instant now) {
   if (hasLine_ || now < next_ || (lost_ && !comesBack())) return std::nullopt;
   hasLine_ = true;
   if (lost_) {
+    expects(!coming_, "a conversation that comes has a line already");
     coming_ = begin(target_);
     asked_ = hello_.settings;
   }
@@ -27,6 +28,7 @@ std::optional<Url> Reconnector::dial(Instant now) {
 }
 
 Wrong Reconnector::heard(std::span<const std::uint8_t> frame, Instant now) {
+  expects(hasLine_, "what is heard came over a line");
   const bool wasGreeted = isGreeted();
   if (Wrong wrong = ofLine().heard(frame, now)) return wrong;
   if (wasGreeted || !isGreeted() || !coming_ || !current_->hasWorld()) return std::nullopt;

@@ -17,6 +17,7 @@
 
 #include "client/core/conversation/conversation.h"
 #include "client/core/conversation/url.h"
+#include "common/outcome/contract.h"
 
 namespace ridgecast::core {
 
@@ -36,7 +37,10 @@ class Reconnector {
 
   // The URL to connect to now, if any; opened() or ended() follows.
   std::optional<Url> dial(Instant now);
-  std::string opened() const { return ofLine().hello(); }  // the first frame
+  std::string opened() const {  // the first frame
+    expects(hasLine_, "a line that opened was dialled");
+    return ofLine().hello();
+  }
   bool isGreeted() const { return ofLine().hasWorld(); }
   // As Conversation's, for the line's.
   Wrong heard(std::span<const std::uint8_t> frame, Instant now);
@@ -65,7 +69,10 @@ class Reconnector {
   }
   // The next conversation has its world, and all earlier iterations are taken.
   bool hasReturned() const { return coming_ && coming_->hasWorld() && !current_->hasIterations(); }
-  const wire::World& coming() const { return coming_->world(); }  // if it has returned
+  const wire::World& coming() const {
+    expects(hasReturned(), "the next conversation has its world");
+    return coming_->world();
+  }
   // Says first which leaves are `held`, then the newest pose.
   void goOn(const std::vector<wire::Resume>& held);
   std::uint64_t reconnections() const { return reconnections_; }

@@ -10,6 +10,7 @@
 #include <optional>
 #include <string>
 
+#include "common/outcome/contract.h"
 #include "common/wire/messages.h"
 
 namespace ridgecast::core {
@@ -31,6 +32,7 @@ class SessionClock {
   void hear(const wire::Clock& clock, Instant now);
   void set() { ++waiting_; }  // wire::SetClock waits to leave
   void setLeft() {            // it has left; the next question comes after it
+    expects(waiting_ > 0, "a setting of the clock waited before it left");
     --waiting_;
     settles_ = asked_ + 1;
   }

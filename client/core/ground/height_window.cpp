@@ -5,6 +5,8 @@
 #include <cmath>
 #include <limits>
 
+#include "common/outcome/contract.h"
+
 namespace ridgecast::core {
 
 using terrain::kTileBits;
@@ -90,6 +92,7 @@ std::optional<std::array<std::int32_t, 16>> HeightWindow::around(std::int64_t i,
 }
 
 void HeightWindow::heights(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out) const {
+  expects(x.size() == out.size() && z.size() == out.size(), "each place has an x, a z and room for its height");
   thread_local terrain::CubicPlaces places;
   for (std::size_t begin = 0; begin < out.size(); begin += terrain::CubicPlaces::kMax) {
     const std::size_t count = std::min<std::size_t>(out.size() - begin, terrain::CubicPlaces::kMax);

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "common/outcome/contract.h"
 #include "common/wire/wire.h"
 
 namespace ridgecast::core {
@@ -57,6 +58,7 @@ HeldEdits::Questions HeldEdits::take() {
     out.find = wire::FindEdits{camera_, named_ ? reach_ + kSlack : 0, edit_};
   }
   sort();
+  expects(nearest_.size() <= kMaxHeld, "no more squares are wanted than are held");
   for (const SquareAddress a : nearest_) {
     if (pending_.size() >= kMaxPending || out.want.squares.size() >= wire::kMaxSquares) break;
     if (const auto known = known_.find(a); known == known_.end() || known->second.good() || pending_.contains(a)) continue;

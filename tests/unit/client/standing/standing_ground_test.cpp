@@ -47,7 +47,7 @@ std::unique_ptr<StandingGround> make(const Heights& heights) {
                        if (auto known = heights(x, z, out); !known) return known.error();
                        return 0;
                      },
-                     [](std::uint64_t) { return query::News(); }});
+                     [](std::uint64_t) { return query::News(); }, [](auto) {}});
 }
 
 // A session's ground, as a member hears of its edits.
@@ -88,15 +88,17 @@ class Site {
               return edit;
             },
             [this](std::uint64_t edit) {
-              if (asked) asked();
               const std::lock_guard lock(mutex_);
               query::News news{heard_, history_.last(), {}};
               for (const query::Change& change : changes_)
                 if (change.edit > edit && change.edit <= heard_) news.changes.push_back(change);
               return news;
+            },
+            [this](auto) {
+              if (awaited) awaited();
             }};
   }
-  std::function<void()> meanwhile, asked;  // called after heights are computed, and before what is new is told
+  std::function<void()> meanwhile, awaited;  // called after heights are computed, and while edits are waited for
 
  private:
   mutable std::mutex mutex_;
@@ -374,10 +376,7 @@ TEST(StandingGround, WaitWaitsForTheLastEditKnown) {
   const auto early = ground->wait(0ms);
   ASSERT_FALSE(early);
   EXPECT_THAT(early.error().message, HasSubstr("edit 1 "));
-  std::atomic<int> asked{0};
-  site.asked = [&] {
-    if (++asked == 3) site.hearAll();
-  };
+  site.awaited = [&] { site.hearAll(); };
   settle(*ground, held);
   EXPECT_EQ(held.at({0, 0})->edit, 1u);
   expectTrue(held, site);
@@ -444,7 +443,7 @@ TEST(StandingGround, WhatARecordingUndoesByGoingBackIsMadeAgain) {
   Site before, after;
   std::atomic<Site*> now = &before;
   const auto ground = make({[&](auto x, auto z, auto out) { return now.load()->source().heights(x, z, out); },
-                            [&](std::uint64_t edit) { return now.load()->source().since(edit); }});
+                            [&](std::uint64_t edit) { return now.load()->source().since(edit); }, [](auto) {}});
   Tiles held;
   ASSERT_TRUE(ground->move(std::vector<Point>{{0, 0}}));
   before.edit(craterAt(10, 10, 5, 6));
