@@ -6,6 +6,7 @@
 #include <array>
 
 #include "common/edits/square.h"
+#include "common/outcome/contract.h"
 
 namespace ridgecast::render {
 namespace {
@@ -63,6 +64,7 @@ bool EditTexture::update(const core::HeldEdits& edits, lattice::Point camera, st
     }
     Slot& to = slots_[address];
     if (to.version == 0) {
+      expects(!free_.empty(), "the texture has room for each square");
       to.place = free_.back();
       free_.pop_back();
     }

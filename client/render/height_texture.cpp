@@ -6,6 +6,8 @@
 #include <limits>
 #include <vector>
 
+#include "common/outcome/contract.h"
+
 namespace ridgecast::render {
 namespace {
 
@@ -61,6 +63,8 @@ HeightTexture::HeightTexture(const terrain::RasterShape& shape) : shape_(shape),
 }
 
 void HeightTexture::upload(terrain::TileAddress address, const core::HeightWindow::Held* tile) {
+  expects(!tile || tile->colours.empty() || tile->colours.size() == terrain::kTileColourBytes,
+          "a tile's samples all have colours, or none");
   std::vector<std::int32_t> texels;
   if (tile)
     texels.assign(tile->samples.begin(), tile->samples.end());

@@ -7,6 +7,7 @@
 #include <numbers>
 #include <string>
 
+#include "common/outcome/contract.h"
 #include "common/shaders/shaders.h"
 
 namespace ridgecast::render {
@@ -57,6 +58,7 @@ void MarchPass::use(const Program& program) const {
 }
 
 bool MarchPass::advance(std::chrono::milliseconds budget) {
+  expects(skylineTarget_.has_value(), "a march that goes on was begun");
   const Clock::time_point end = Clock::now() + budget;
   if (skyline_.left()) {
     use(skylineProgram_);

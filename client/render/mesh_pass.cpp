@@ -11,6 +11,7 @@
 #include <string>
 #include <vector>
 
+#include "common/outcome/contract.h"
 #include "common/shaders/shaders.h"
 
 namespace ridgecast::render {
@@ -118,6 +119,7 @@ Outcome<MeshPass> MeshPass::create(bool shaded) {
 
 // Reserves space for a leaf and its shades; update() writes its vertices and indices.
 void MeshPass::place(const core::HeldLeaf& held, Slot& slot) {
+  expects(held.mesh != nullptr, "a leaf that is drawn is made");
   const mesh::LeafMesh& leaf = *held.mesh;
   slot.vertices = leaf.vertices.size();
   slot.indices = leaf.triangles.size() * 3;

@@ -8,6 +8,7 @@
 #include <optional>
 
 #include "client/core/mesh/scene.h"
+#include "common/outcome/contract.h"
 
 namespace ridgecast::render {
 
@@ -20,6 +21,7 @@ class Morph {
   // Call once a frame. `now` in seconds ascends; `version` tells states of the leaves apart. Without `smooth`, and for the first mesh, a
   // change shows at once.
   void advance(const Leaves& leaves, std::uint64_t version, double now, bool smooth) {
+    expects(!began_ || now >= *began_, "time does not go back");
     if (began_ && now - *began_ >= kMorphSeconds) {
       began_.reset();
       from_ = to_;

@@ -7,9 +7,12 @@
 #include <cstddef>
 #include <fstream>
 
+#include "common/outcome/contract.h"
+
 namespace ridgecast::render {
 
 Picture downsample(const Picture& picture, std::uint32_t n) {
+  expects(n >= 1 && picture.width % n == 0 && picture.height % n == 0, "a pixel is made of whole samples");
   if (n == 1) return picture;
   Picture out{picture.width / n, picture.height / n, {}, {}};
   out.rgb.resize(std::size_t{out.width} * out.height * 3);

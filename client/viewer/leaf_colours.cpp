@@ -4,6 +4,8 @@
 #include <cmath>
 #include <span>
 
+#include "common/outcome/contract.h"
+
 namespace ridgecast::viewer {
 namespace {
 
@@ -32,7 +34,10 @@ Colour along(std::span<const Colour> ramp, double share) {
 
 }  // namespace
 
-Colour levelColour(int level) { return along(kViridis, static_cast<double>(level) / lattice::kMaxLevel); }
+Colour levelColour(int level) {
+  expects(level >= 0 && level <= lattice::kMaxLevel, "a leaf's level is one of the lattice's");
+  return along(kViridis, static_cast<double>(level) / lattice::kMaxLevel);
+}
 
 Colour ageColour(double seconds) { return along(kInferno, std::log2(1 + std::max(seconds, 0.0)) / std::log2(1 + kOld)); }
 

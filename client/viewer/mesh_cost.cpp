@@ -2,9 +2,12 @@
 
 #include <algorithm>
 
+#include "common/outcome/contract.h"
+
 namespace ridgecast::viewer {
 
 render::View coarser(const render::View& view, std::uint32_t n) {
+  expects(n >= 1, "a sample stands for a pixel or more");
   render::View out = view;
   out.camera.projection.width = std::max(1u, view.camera.projection.width / n);
   out.camera.projection.height = std::max(1u, view.camera.projection.height / n);
@@ -20,6 +23,7 @@ std::uint32_t fitting(const render::View& view, double perSample, std::chrono::m
 }
 
 void MeshCost::drew(const render::View& samples, double milliseconds, double correction) {
+  expects(correction >= 0 && samplesOf(samples) > 0, "a drawing has samples, and its correction takes time");
   perSample_ = (milliseconds - correction) / samplesOf(samples);
   corrected_ = correction > 0;
   if (corrected_) perCorrection_ = correction / samplesOf(samples);

@@ -190,15 +190,15 @@ void drawFigures(const ViewerState& state) {
   const Statistics& s = state.statistics;
   const Motion& m = state.motion;
   ImGui::TextUnformatted(s.world.c_str());
-  const char* const mesh = s.corrected ? "corrected mesh" : "mesh";
-  if (s.atRest)
-    ImGui::Text("at rest   %s %.1f ms", mesh, s.meshMs);
+  const char* const mesh = s.drawn.corrected ? "corrected mesh" : "mesh";
+  if (s.drawn.atRest)
+    ImGui::Text("at rest   %s %.1f ms", mesh, s.drawn.meshMs);
   else
-    ImGui::Text("%.0f pictures/s   %s %.1f ms", s.framesPerSecond, mesh, s.meshMs);
-  if (s.coarseness > 1)
-    ImGui::Text("ray march %.0f ms at 1/%u, finer: %.0f %%", s.marchMs, s.coarseness, s.progress * 100);
+    ImGui::Text("%.0f pictures/s   %s %.1f ms", s.drawn.framesPerSecond, mesh, s.drawn.meshMs);
+  if (s.drawn.coarseness > 1)
+    ImGui::Text("ray march %.0f ms at 1/%u, finer: %.0f %%", s.drawn.marchMs, s.drawn.coarseness, s.drawn.progress * 100);
   else
-    ImGui::Text("ray march %.0f ms", s.marchMs);
+    ImGui::Text("ray march %.0f ms", s.drawn.marchMs);
   ImGui::Text("%llu triangles in %llu leaves, error %.3g", static_cast<unsigned long long>(s.triangles),
               static_cast<unsigned long long>(s.leaves), s.effectiveThreshold);
   if (s.settled)

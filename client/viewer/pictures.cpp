@@ -63,11 +63,11 @@ Outcome<bool> Pictures::update(const render::View& view, const Stream& stream, V
   }
   marchStale_ = state.mode == Mode::kMesh && (moving || marchStale_);
   Statistics& s = state.statistics;
-  s.meshMs = mesh_.milliseconds();
-  s.corrected = mesh_.isCorrected();
-  s.marchMs = march_.milliseconds();
-  s.coarseness = march_.coarseness();
-  s.progress = march_.progress();
+  s.drawn.meshMs = mesh_.milliseconds();
+  s.drawn.corrected = mesh_.isCorrected();
+  s.drawn.marchMs = march_.milliseconds();
+  s.drawn.coarseness = march_.coarseness();
+  s.drawn.progress = march_.progress();
   return drew;
 }
 

@@ -70,8 +70,7 @@ void Stream::exchange(const camera::Camera& camera) {
     accept(*update);
   }
   watchConnection();
-  if (auto others = client().connection().others(othersSeen_)) {
-    othersSeen_ = others->version();
+  if (auto others = client().connection().others(others_ ? others_->version() : 0)) {
     others_ = std::move(*others);
     state_.changed = true;
   }
@@ -79,7 +78,7 @@ void Stream::exchange(const camera::Camera& camera) {
   showWorlds();
   if (client().connection().granted() != shownSettings_) showSettings();
   state_.statistics.bytes = client().connection().bytesReceived();
-  sendPose(camera);
+  poses_.send(client(), camera);
 }
 
 void Stream::watchConnection() {
@@ -111,7 +110,7 @@ void Stream::watchConnection() {
     state_.message.clear();
     showSettings();
     others_.reset();
-    othersSeen_ = clockSeen_ = step_ = 0;
+    clockSeen_ = step_ = 0;
   }
   lost_ = why.has_value();
 }
@@ -165,11 +164,7 @@ void Stream::accept(const link::Update& update) {
   s.triangles = client().scene().triangles();
   s.leaves = client().scene().index().size();
   s.effectiveThreshold = f.effectiveThreshold;
-  if (const auto pose = sent_.find(iteration.poseSequence); pose != sent_.end()) {
-    s.latencyMs = std::chrono::duration<double, std::milli>(Clock::now() - pose->second).count();
-    s.plots.latency.add(s.latencyMs);
-    sent_.erase(sent_.begin(), std::next(pose));
-  }
+  if (const auto latency = poses_.answered(iteration.poseSequence)) s.plots.latency.add(s.latencyMs = *latency);
   if (iteration.candidates && state_.lines.candidates) {
     candidates_ = std::make_shared<const std::vector<wire::Candidate>>(*iteration.candidates);
     s.candidates = candidates_->size();
@@ -198,14 +193,22 @@ void Stream::measure(double seconds) {
   s.plots.triangles.add(static_cast<double>(s.triangles) / 1e3);
 }
 
-void Stream::sendPose(const camera::Camera& camera) {
+void SentPoses::send(link::Client& client, const camera::Camera& camera) {
   camera::Camera refinedBy = camera;  // a pose's remainder is for drawing only
   refinedBy.pose.remainderX = refinedBy.pose.remainderZ = 0;
-  if (sentCamera_ == refinedBy || Clock::now() - sentAt_ < kPoseInterval) return;
-  sentCamera_ = refinedBy;
-  sentAt_ = Clock::now();
-  sent_[client().send(camera)] = sentAt_;
+  if (camera_ == refinedBy || Clock::now() - at_ < kPoseInterval) return;
+  camera_ = refinedBy;
+  at_ = Clock::now();
+  sent_[client.send(camera)] = at_;
   if (sent_.size() > 256) sent_.erase(sent_.begin());
+}
+
+std::optional<double> SentPoses::answered(std::uint64_t sequence) {
+  const auto pose = sent_.find(sequence);
+  if (pose == sent_.end()) return std::nullopt;
+  const double since = secondsSince(pose->second) * 1e3;
+  sent_.erase(sent_.begin(), std::next(pose));
+  return since;
 }
 
 std::optional<Link> Stream::enteredWorld() {

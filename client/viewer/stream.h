@@ -51,6 +51,19 @@ class Arrival {
   std::future<Outcome<Link>> link_;
 };
 
+// The poses that were sent, at most 30 a second, and when.
+class SentPoses {
+ public:
+  void send(link::Client& client, const camera::Camera& camera);  // if it has changed
+  // Milliseconds since this pose was sent, which has been answered; nothing: it is too old, or was answered before.
+  std::optional<double> answered(std::uint64_t sequence);
+
+ private:
+  std::optional<camera::Camera> camera_;
+  std::chrono::steady_clock::time_point at_{};
+  std::map<std::uint64_t, std::chrono::steady_clock::time_point> sent_;  // by sequence; at most 256
+};
+
 class Stream {
  public:
   using Candidates = std::shared_ptr<const std::vector<wire::Candidate>>;
@@ -86,7 +99,6 @@ class Stream {
  private:
   void watchConnection();
   void accept(const link::Update& update);
-  void sendPose(const camera::Camera& camera);
   void followClock();
   void showClock(const core::SessionClock& clock);
   void showSettings();
@@ -102,13 +114,11 @@ class Stream {
   std::string loss_;  // what the window says of it
   wire::Settings shownSettings_;
   std::optional<core::Roster> others_;
-  std::uint64_t othersSeen_ = 0, clockSeen_ = 0, step_ = 0;  // versions; the clock's newest step
-  std::string notice_;                                       // the last of the clock's
+  std::uint64_t clockSeen_ = 0, step_ = 0;  // its version, its newest step
+  std::string notice_;                      // the last of the clock's
   LeafAges ages_;
   Candidates candidates_;
-  std::optional<camera::Camera> sentCamera_;
-  std::chrono::steady_clock::time_point sentAt_{};
-  std::map<std::uint64_t, std::chrono::steady_clock::time_point> sent_;  // pose sequence -> when; at most 256
+  SentPoses poses_;
   std::uint64_t sceneVersion_ = 0, versionCounted_ = 0, bytesCounted_ = 0;
 };
 

@@ -137,18 +137,22 @@ struct Plots {
   std::array<History, 5> stages;             // ms of each iteration: select, generate, refine, triangulate, encode
 };
 
-struct Statistics {
-  std::string world;  // terrain, seed, server
+struct Drawn {
   double framesPerSecond = 0, meshMs = 0, marchMs = 0, progress = 1;
   std::uint32_t coarseness = 1;  // side, in pixels, of the square that one ray of the march stands for
+  bool corrected = false;        // the mesh that is shown
+  bool atRest = false;           // nothing is drawn, because nothing changes
+};
+
+struct Statistics {
+  std::string world;  // terrain, seed, server
   std::uint64_t triangles = 0, leaves = 0, iteration = 0, bytes = 0;
   double iterationsPerSecond = 0, latencyMs = 0, effectiveThreshold = 0;
   double knownReach = 0;  // metres to which a height map is known here; 0: all of it
   std::size_t candidates = 0;
   double candidateUnit = 1;  // pixels, see errorColour()
   bool settled = false, hashOk = true;
-  bool corrected = false;  // the mesh that is shown
-  bool atRest = false;     // nothing is drawn, because nothing changes
+  Drawn drawn;
   Building building;
   Plots plots;
 };

@@ -13,6 +13,7 @@
 #include "client/viewer/coordinates.h"
 #include "client/viewer/people.h"
 #include "client/viewer/remembered.h"
+#include "common/outcome/contract.h"
 
 namespace ridgecast::viewer {
 namespace {
@@ -40,6 +41,60 @@ camera::Pose startPose(const Start& start, const Ground& ground) {
 
 }  // namespace
 
+PathFlight::PathFlight(std::optional<camera::Path> path, Stream& stream, ViewerState& state)
+    : stream_(stream), state_(state), path_(std::move(path)) {
+  state.motion.following = path_.has_value();
+}
+
+void PathFlight::toggleFollowing() {
+  if (!path_) return state_.tell("no path yet: R records one, or give one with --path FILE.json");
+  state_.motion.following = !state_.motion.following;
+  began_ = std::chrono::steady_clock::now();
+}
+
+void PathFlight::toggleRecording() {
+  if (!recorder_) {
+    recorder_.emplace(stream_.client().world().terrainName, stream_.client().world().seed);
+    return state_.tell("recording");
+  }
+  const std::filesystem::path file = freeName(".json");
+  const auto written = recorder_->write(file);
+  const std::string said = written ? "the path flown is in " + file.string() + "; O follows it" : written.error().message;
+  if (auto flown = camera::readPath(file); written && flown) path_ = std::move(*flown);
+  std::fprintf(stderr, "%s\n", said.c_str());
+  state_.tell(said);
+  recorder_.reset();
+}
+
+void PathFlight::record(const camera::Pose& pose) {
+  if (recorder_) recorder_->add(nowInSeconds(), pose);
+}
+
+void PathFlight::follow(const Input& input, Controls& controls, const Ground& ground) {
+  if (!state_.motion.following) return;
+  expects(path_.has_value(), "there is a path to follow");
+  const double t = secondsSince(began_);
+  if (!input.moves()) {
+    controls.place(camera::poseAt(*path_, std::min(t, path_->duration()), [&](lattice::Point p) { return ground.height(p).value_or(0); }));
+    if (t <= path_->duration()) return;
+  }
+  state_.motion.following = false;
+  state_.changed = true;
+}
+
+void Frames::present(Plots& plots) {
+  if (count_++ > 0) plots.frame.add(sincePresented() * 1e3);
+  presentedAt_ = std::chrono::steady_clock::now();
+}
+
+std::optional<double> Frames::count(Drawn& drawn) {
+  const double counted = secondsSince(countedSince_);
+  if (counted < 0.5) return std::nullopt;
+  drawn.framesPerSecond = static_cast<double>(std::exchange(count_, 0)) / counted;
+  countedSince_ = std::chrono::steady_clock::now();
+  return counted;
+}
+
 WorldWindow::WorldWindow(const ViewOptions& options, const Start& start, Window& window, Link link, const render::Drawing& drawing,
                          Passes passes, ViewerState& state, const Compiling* compiling)
     : options_(options),
@@ -57,8 +112,7 @@ WorldWindow::WorldWindow(const ViewOptions& options, const Start& start, Window&
       compiling_(compiling),
       canMarch_(!drawing.text.neutral),
       wanted_(state.mode),
-      path_(options.path) {
-  state.motion.following = path_.has_value();
+      path_(options.path, stream_, state) {
   if (!canMarch_) state.mode = Mode::kMesh;
 }
 
@@ -142,8 +196,8 @@ std::vector<Action> WorldWindow::actions() {
           {"skip", drive([](const core::ClockBar& c) { return core::movedBy(c, core::kClockSkip); })},
           {"walk", [this] { toggleWalking(); }, GLFW_GAMEPAD_BUTTON_B},
           {"corrected", [this] { toggleCorrected(); }},
-          {"record", [this] { toggleRecord(); }},
-          {"path", [this] { togglePath(); }}};
+          {"record", [this] { path_.toggleRecording(); }},
+          {"path", [this] { path_.toggleFollowing(); }}};
 }
 
 BrushHands WorldWindow::brushHands() {
@@ -204,26 +258,6 @@ void WorldWindow::toggleFrozen() {
   auto& frozen = state_.lines.frozen;
   frozen = frozen ? std::nullopt : std::optional(camera());
   state_.tell(frozen ? "the server keeps to this camera: fly on and look at it from outside" : "the server follows again");
-}
-
-void WorldWindow::togglePath() {
-  if (!path_) return state_.tell("no path yet: R records one, or give one with --path FILE.json");
-  state_.motion.following = !state_.motion.following;
-  pathBegan_ = Clock::now();
-}
-
-void WorldWindow::toggleRecord() {
-  if (!recorder_) {
-    recorder_.emplace(stream_.client().world().terrainName, stream_.client().world().seed);
-    return state_.tell("recording");
-  }
-  const std::filesystem::path file = freeName(".json");
-  const auto written = recorder_->write(file);
-  const std::string said = written ? "the path flown is in " + file.string() + "; O follows it" : written.error().message;
-  if (auto flown = camera::readPath(file); written && flown) path_ = std::move(*flown);
-  std::fprintf(stderr, "%s\n", said.c_str());
-  state_.tell(said);
-  recorder_.reset();
 }
 
 // Closes it if it is open.
@@ -357,25 +391,13 @@ void WorldWindow::fly(double seconds) {
   placeAboveGround();
   const Input input = devices_.read(seconds);
   controls_.setInvertY(state_.panel.invertY);
-  if (state_.motion.following) followPath(input);
+  path_.follow(input, controls_, ground_);
   controls_.step(input, seconds, [this](lattice::Point p) { return ground_.height(p); });
-}
-
-// Until its end or until the user steers.
-void WorldWindow::followPath(const Input& input) {
-  const double t = secondsSince(pathBegan_);
-  if (!input.moves()) {
-    controls_.place(
-        camera::poseAt(*path_, std::min(t, path_->duration()), [this](lattice::Point p) { return ground_.height(p).value_or(0); }));
-    if (t <= path_->duration()) return;
-  }
-  state_.motion.following = false;
-  state_.changed = true;
 }
 
 Outcome<void> WorldWindow::draw(bool last) {
   const camera::Camera seen = camera();
-  if (recorder_) recorder_->add(nowInSeconds(), seen.pose);
+  path_.record(seen.pose);
   const bool newHeights = ground_.follow({seen.pose.x, seen.pose.z});
   editor_.update(seen, devices_.pointer(), stream_.sceneVersion());
   if (!state_.hint.empty() && Clock::now() > state_.hintEnds) {
@@ -386,8 +408,8 @@ Outcome<void> WorldWindow::draw(bool last) {
   if (!updated) return updated.error();
   const bool drew = std::exchange(state_.changed, false) || *updated || state_.panel.open();
   idle_ = !drew && !pictures_->refining(state_.mode);
-  state_.statistics.atRest = idle_ && state_.statistics.settled;
-  if (drew || last || secondsSince(presentedAt_) >= 0.5) present(seen, last);
+  state_.statistics.drawn.atRest = idle_ && state_.statistics.settled;
+  if (drew || last || frames_.sincePresented() >= 0.5) present(seen, last);
   return {};
 }
 
@@ -404,20 +426,15 @@ void WorldWindow::present(const camera::Camera& camera, bool last) {
     state_.tell("The picture is saved in " + file.string() + ".");
   }
   glfwSwapBuffers(window_.handle());
-  if (framesCounted_++ > 0) state_.statistics.plots.frame.add(secondsSince(presentedAt_) * 1e3);
-  presentedAt_ = Clock::now();
+  frames_.present(state_.statistics.plots);
   grant(requests);
 }
 
 void WorldWindow::measure() {
-  if (const double counted = secondsSince(countedSince_); counted >= 0.5) {
-    state_.statistics.framesPerSecond = static_cast<double>(std::exchange(framesCounted_, 0)) / counted;
-    stream_.measure(counted);
-    countedSince_ = Clock::now();
-  }
+  if (const auto counted = frames_.count(state_.statistics.drawn)) stream_.measure(*counted);
   state_.statistics.knownReach = ground_.knownReach();
   Motion& m = state_.motion;
-  m.keyframes = recorder_ ? std::optional(recorder_->keyframes()) : std::nullopt;
+  m.keyframes = path_.keyframes();
   m.x = formatMetres(controls_.pose().x);
   m.z = formatMetres(controls_.pose().z);
   m.y = controls_.pose().y;

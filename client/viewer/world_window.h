@@ -24,6 +24,38 @@ struct Start {
   double speed = 0;                         // metres a second
 };
 
+// The path that the window follows, and the one that it records.
+class PathFlight {
+ public:
+  PathFlight(std::optional<camera::Path> path, Stream& stream, ViewerState& state);
+  void toggleFollowing();
+  void toggleRecording();
+  void record(const camera::Pose& pose);
+  std::optional<std::size_t> keyframes() const { return recorder_ ? std::optional(recorder_->keyframes()) : std::nullopt; }
+  // Until its end or until the user steers.
+  void follow(const Input& input, Controls& controls, const Ground& ground);
+
+ private:
+  Stream& stream_;
+  ViewerState& state_;
+  std::optional<PathRecorder> recorder_;
+  std::optional<camera::Path> path_;
+  std::chrono::steady_clock::time_point began_ = std::chrono::steady_clock::now();
+};
+
+// When frames are presented.
+class Frames {
+ public:
+  double sincePresented() const { return secondsSince(presentedAt_); }
+  void present(Plots& plots);
+  // Twice a second: the seconds since it was last returned; sets how many frames there were in each.
+  std::optional<double> count(Drawn& drawn);
+
+ private:
+  std::chrono::steady_clock::time_point presentedAt_{}, countedSince_ = std::chrono::steady_clock::now();
+  int count_ = 0;
+};
+
 class WorldWindow {
  public:
   // `compiling`: until it is done, `drawing` and `passes` are neutral ones; then the window draws with the terrain. Null: they are final.
@@ -50,8 +82,6 @@ class WorldWindow {
   void toggleWalking();
   void toggleCorrected();
   void toggleFrozen();
-  void togglePath();
-  void toggleRecord();
   void openPanel(Dialog dialog);
   void grant(const Requests& requests);
   void jump();
@@ -61,7 +91,6 @@ class WorldWindow {
   void placeAboveGround();
   Outcome<void> watchCompiling();
   void fly(double seconds);
-  void followPath(const Input& input);
   camera::Camera camera() const;
   Start place() const;
   double aboveGround() const;
@@ -87,11 +116,9 @@ class WorldWindow {
   const Compiling* compiling_;
   bool canMarch_;
   Mode wanted_;  // what the user wants to see, once there is a ray march
-  std::optional<PathRecorder> recorder_;
-  std::optional<camera::Path> path_;
-  Clock::time_point pathBegan_ = Clock::now(), presentedAt_{}, countedSince_ = Clock::now();
+  PathFlight path_;
+  Frames frames_;
   bool wantsScreenshot_ = false, idle_ = false;
-  int framesCounted_ = 0;
 };
 
 }  // namespace ridgecast::viewer

@@ -4,12 +4,14 @@
 #include <string>
 #include <utility>
 
+#include "common/outcome/contract.h"
 #include "common/wire/wire.h"
 
 namespace ridgecast::core {
 
 Follower::Answer Follower::take(const wire::Iteration& iteration, Outcome<core::Scene::Prepared> prepared) {
   if (!prepared) return answer(iteration, prepared.error());
+  expects(prepared->number == iteration.number, "what is taken was prepared of this iteration");
   scene_.take(std::move(*prepared));
   return answer(iteration, {});
 }

@@ -6,6 +6,8 @@
 #include <limits>
 #include <utility>
 
+#include "common/outcome/contract.h"
+
 namespace ridgecast::core {
 
 namespace {
@@ -35,6 +37,7 @@ std::optional<MeshHit> cast(const Scene& scene, const ground::Ray& ray) {
   // In steps, relative to the ray's origin.
   Vec d{ray.directionX, ray.directionY, ray.directionZ};
   const double most = std::max({std::abs(d.x), std::abs(d.y), std::abs(d.z)});
+  expects(most > 0, "a ray has a direction");
   d = {d.x / most, d.y / most, d.z / most};
   const double length = std::sqrt(dot(d, d));
   d = {d.x / length, d.y / length, d.z / length};

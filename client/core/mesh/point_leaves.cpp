@@ -6,6 +6,8 @@
 #include <bit>
 #include <utility>
 
+#include "common/outcome/contract.h"
+
 namespace ridgecast::core {
 
 using lattice::LeafAddress;
@@ -98,7 +100,9 @@ std::uint64_t PointMesh::termOf(TriangleId t) const {
 }
 
 PointMesh::Leaf PointMesh::extract(LeafAddress leaf) {
-  const RegionId region = regions_.at(leaf);
+  const auto held = regions_.find(leaf);
+  expects(held != regions_.end(), "a leaf that is extracted is held");
+  const RegionId region = held->second;
   Leaf out{extractor_.extract(*mesh_, region, leaf, anchor_), {}};
   const auto dx = static_cast<std::int32_t>(leaf.x() - anchor_.x), dz = static_cast<std::int32_t>(leaf.z() - anchor_.z);
   bounds_[region] = {};

@@ -7,6 +7,7 @@
 #include <limits>
 #include <utility>
 
+#include "common/outcome/contract.h"
 #include "common/points/guess.h"
 
 namespace ridgecast::core {
@@ -51,7 +52,7 @@ void PointMesh::empty() {
   mesh_->clear();
   for (const auto& [leaf, region] : regions_) mesh_->removeRegion(region);
   regions_.clear();
-  levels_ = 0;
+  levels_.there = 0;
   for (const LeafAddress& leaf : held_) addRegion(leaf);
 }
 
@@ -69,7 +70,7 @@ void PointMesh::reserve(std::size_t points) {
   });
   make(static_cast<std::uint32_t>(std::max<std::size_t>(2 * std::size_t{capacity_}, wanted)));
   open_.clear();
-  mostEffort_ = std::numeric_limits<std::size_t>::max();  // it was paid for
+  effort_.most = std::numeric_limits<std::size_t>::max();  // it was paid for
   if (vertices.empty()) return;
   start(vertices);
   TriangleId hint = mesh_->anyTriangle();
@@ -106,15 +107,16 @@ void PointMesh::clear() {
 triangulation::RegionId PointMesh::regionAt(triangulation::Point2 p) const {
   const lattice::Point at = absolute(p);
   const auto find = [&](int level) { return regions_.find(lattice::leafAt(at, level)); };
-  if (const auto it = find(likelyLevel_); it != regions_.end()) return it->second;
+  if (const auto it = find(levels_.likely); it != regions_.end()) return it->second;
   for (int level = 0; level <= lattice::kMaxLevel; ++level)
-    if (levels_ >> level & 1)
-      if (const auto it = find(level); it != regions_.end()) return likelyLevel_ = level, it->second;
+    if (levels_.there >> level & 1)
+      if (const auto it = find(level); it != regions_.end()) return levels_.likely = level, it->second;
   return kOutside;
 }
 
 void PointMesh::addRegion(LeafAddress leaf) {
-  levels_ |= 1u << leaf.level;
+  levels_.there |= 1u << leaf.level;
+  expects(!regions_.contains(leaf), "a leaf has one region");
   const RegionId region = mesh_->addRegion({static_cast<std::int32_t>(leaf.x() - anchor_.x),
                                             static_cast<std::int32_t>(leaf.z() - anchor_.z), static_cast<std::int32_t>(leaf.side())});
   mesh_->markChanged(region);  // it is told of even when it stays empty: Iteration.errors has one for each leaf that comes
@@ -173,7 +175,12 @@ bool PointMesh::replaceLeaves(const Step& step) {
   if (kept.empty()) return startOver();
   if (!centre()) return false;
   std::vector<std::pair<LeafAddress, RegionId>> former;
-  for (const LeafAddress& leaf : gone) former.emplace_back(leaf, regions_.extract(leaf).mapped());
+  for (const LeafAddress& leaf : gone) {
+    const auto region = regions_.find(leaf);
+    expects(region != regions_.end(), "a leaf that is held has a region");
+    former.emplace_back(*region);
+    regions_.erase(region);
+  }
   std::int64_t open = 0;  // area of what comes where no leaf went, in finest leaves
   const auto area = [](const LeafAddress& leaf) { return std::int64_t{1} << 2 * leaf.level; };
   for (const LeafAddress& leaf : come) {
@@ -251,8 +258,7 @@ triangulation::VertexId PointMesh::insert(const Vertex& p, TriangleId& hint) {
   switch (mesh_->insert(p, hint, everything_, &made)) {
     case Change::kDone:
       hint = mesh_->edgeOf(made) >> 2;
-      effort_ += everything_.star().size();
-      return effort_ > mostEffort_ ? kNoVertex : made;
+      return effort_.spend(everything_.star().size()) ? made : kNoVertex;
     case Change::kDuplicate:
       for (VertexId v : mesh_->triangle(hint).v)
         if (v != kInfinite && mesh_->vertex(v).point() == p.point()) return v;
@@ -310,7 +316,11 @@ void PointMesh::findHints(std::span<const points::Change> changes) {
 bool PointMesh::begin(std::span<const Held> leaves) {
   held_.clear();
   active_.clear();
-  for (const Held& leaf : leaves) held_.push_back(leaf.mesh->address);
+  for (const Held& leaf : leaves) {
+    expects(leaf.mesh != nullptr, "a leaf whose points are taken is made");
+    expects(!leaf.shades || leaf.shades->size() == leaf.mesh->vertices.size(), "each vertex has a shade, or none has");
+    held_.push_back(leaf.mesh->address);
+  }
   std::sort(held_.begin(), held_.end());
   if (!startOver()) return false;
   std::vector<Vertex> vertices;
@@ -369,15 +379,11 @@ bool PointMesh::follow(const Step& step) {
 bool PointMesh::isCheap(VertexId v) {
   std::size_t degree = 0;
   mesh_->forEachAround(v, [&](triangulation::HalfEdge) { ++degree; });
-  effort_ += degree * degree;
-  return effort_ <= mostEffort_;
+  return effort_.spend(degree * degree);
 }
 
 // What so many changes may cost: a usual one costs 4 to 40, so that only who means harm comes near.
-void PointMesh::allow(std::size_t changes) {
-  effort_ = 0;
-  mostEffort_ = (std::size_t{1} << 20) + 256 * changes;
-}
+void PointMesh::allow(std::size_t changes) { effort_ = {0, (std::size_t{1} << 20) + 256 * changes}; }
 
 bool PointMesh::change(std::span<const points::Change> changes, std::vector<Resolved>& resolved) {
   std::vector<Vertex> begins;  // three of these begin an empty mesh
@@ -386,6 +392,7 @@ bool PointMesh::change(std::span<const points::Change> changes, std::vector<Reso
     Resolved& r = resolved.emplace_back();
     const bool needsList = !change.removed.empty() || !change.raised.empty();
     const std::vector<VertexId>& before = needsList ? list(change.square) : list_;
+    expects(change.removed.empty() || change.removed.back() < before.size(), "the points that go are among those that were counted");
     for (std::uint32_t k : change.removed) r.removed.push_back(before[k]);
     std::size_t gone = 0, stays = 0;
     auto raised = change.raised.begin();
@@ -417,6 +424,7 @@ bool PointMesh::change(std::span<const points::Change> changes, std::vector<Reso
         mesh_->prefetchCorners(soon);
         mesh_->prefetchNeighbours(soon);
       }
+      expects(known != hints_.end(), "each point that comes has a hint");
       if (const VertexId near = *known++; near != kNoVertex) hint = mesh_->edgeOf(near) >> 2;
       const VertexId v = insert({dx + p.x, dz + p.z, 0, triangulation::kNoEdge}, hint);
       if (v == kNoVertex || !mesh_->vertexPages().fresh(v)) return false;

@@ -92,6 +92,14 @@ class PointMesh final : public triangulation::Partition {
           if (v != triangulation::kInfinite) f(v);
         });
   }
+  struct Effort {
+    std::size_t spent = 0, most = 0;
+    bool spend(std::size_t steps) { return (spent += steps) <= most; }
+  };
+  struct Levels {
+    int likely = 0;      // of the leaf that was asked for last
+    unsigned there = 0;  // of leaves that there may be, a bit each
+  };
   triangulation::Moves moves();
   void make(std::uint32_t triangles);
   void empty();
@@ -140,10 +148,9 @@ class PointMesh final : public triangulation::Partition {
   const bool shaded_;
   triangulation::WriteSet everything_;
   std::map<lattice::LeafAddress, std::vector<VertexId>>
-      open_;                                 // of follow(): what lies outside all leaves, by square, once it was looked at
-  std::size_t effort_ = 0, mostEffort_ = 0;  // of begin() and follow()
-  mutable int likelyLevel_ = 0;              // of the leaf that was asked for last
-  unsigned levels_ = 0;                      // of leaves that there may be, a bit each
+      open_;       // of follow(): what lies outside all leaves, by square, once it was looked at
+  Effort effort_;  // of begin() and follow()
+  mutable Levels levels_;
   std::vector<VertexId> list_;
   std::vector<VertexId> hints_;  // of change(): by point that comes
   std::vector<std::pair<std::uint64_t, VertexId>> sorted_;

@@ -87,6 +87,7 @@ class Preparation {
   }
 
   void subtract(const lattice::LeafAddress& address, const HeldLeaf& leaf) {
+    expects(out_.triangles >= leaf.triangles, "a mesh has the triangles of its leaves");
     out_.hash -= mesh::hashTerm(address, leaf.hash);
     out_.triangles -= leaf.triangles;
   }
@@ -305,7 +306,9 @@ void Scene::take(Prepared&& prepared) {
 
 void Scene::draw(PointMesh::Drawing& to) const {
   to = {};
-  if (!changed_.empty()) points_->draw(changed_, to);
+  if (changed_.empty()) return;
+  expects(points_ != nullptr, "what points have changed is drawn of points");
+  points_->draw(changed_, to);
 }
 
 void Scene::follow(const Following& what) {
