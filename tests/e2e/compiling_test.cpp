@@ -5,9 +5,7 @@
 #include <algorithm>
 #include <filesystem>
 #include <fstream>
-#include <optional>
 #include <string>
-#include <utility>
 
 #include "tests/e2e/window.h"
 #include "tests/support/flier.h"
@@ -45,7 +43,6 @@ TEST_F(Window, ATerrainThatTheDriverRejectsIsToldAndTheMeshIsStillShown) {
   EXPECT_TRUE(says("marchGap")) << viewer_->output();  // once the driver has compiled it beside
   EXPECT_NE(viewer_->output().find("neutral colours", viewer_->output().find("marchGap")), std::string::npos) << viewer_->output();
   press({"f"});
-  std::this_thread::sleep_for(1s);
   EXPECT_GT(range(rested()), 10) << "no landscape";
   close();
 }

@@ -24,7 +24,6 @@ TEST_F(Keys, ChangeWhatIsShown) {
   open({"--threshold", "6", "--reduced-motion"}, server.url());
   ASSERT_TRUE(opened()) << viewer_->output();
   press({"f", "1"});  // no figures, the mesh alone
-  std::this_thread::sleep_for(2s);
   const render::Picture mesh = rested();
 
   press({"x"});
@@ -74,7 +73,7 @@ TEST_F(Keys, ChangeWhatIsShown) {
   EXPECT_TRUE(shows([&](const render::Picture& now) { return compare(mesh, now, 0.5, 1).darker > 0.1; })) << "the list of keys";
 
   press({"Escape", "Escape"});  // closes the list; ends nothing yet
-  std::this_thread::sleep_for(3s);
+  shot();
   EXPECT_TRUE(viewer_->running()) << viewer_->output();
   press({"Escape", "Escape"});
   EXPECT_EQ(viewer_->wait(300s), 0) << viewer_->output();
@@ -86,7 +85,6 @@ TEST_F(Keys, CandidatesAreDotsForAsLongAsTheyAreWanted) {
   open({"--threshold", "6", "--reduced-motion"}, server.url());
   ASSERT_TRUE(opened()) << viewer_->output();
   press({"f", "1"});
-  std::this_thread::sleep_for(2s);
   const render::Picture mesh = rested();
   press({"k"});
   Difference dots;

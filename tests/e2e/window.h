@@ -121,7 +121,7 @@ class WindowTest : public testing::Test {
   render::Picture rested() {
     render::Picture last = shot();
     for (int k = 0; k < 300; ++k) {
-      std::this_thread::sleep_for(300ms);
+      std::this_thread::sleep_for(100ms);
       render::Picture now = shot();
       const std::string said = "ridgecast-" + std::to_string(shots_) + ".png";
       if (now.rgb == last.rgb && viewer_->output().find(said + ", and was still") == std::string::npos) return now;

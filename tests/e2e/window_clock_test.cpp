@@ -6,7 +6,6 @@
 #include <cstdio>
 #include <memory>
 #include <string>
-#include <vector>
 
 #include "client/link/connection.h"
 #include "tests/e2e/window.h"
@@ -92,10 +91,8 @@ TEST_F(WindowClock, ARecordingIsPausedAndGoesBack) {
     server.process().signal(SIGKILL);
     server.process().wait(60s);
   }
-  const std::string portFile = (folder_ / "port").string();
-  Process player({RIDGECAST_SERVER, "replay", recordings, "--serve", "--port", "0", "--port-file", portFile, "--quiet"});
-  ASSERT_TRUE(await([&] { return !readText(portFile).empty() || !player.running(); })) << player.output();
-  const std::string url = "ws://127.0.0.1:" + std::to_string(std::stoul(readText(portFile)));
+  const ServerProcess player(RIDGECAST_SERVER, {"replay", recordings, "--serve"});
+  const std::string url = player.url();
   join(url);
   onlooker_->setClock({true, wire::ClockMode::kStepped, 0});
   onlooker_->setClock({.own = false});

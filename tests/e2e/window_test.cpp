@@ -51,7 +51,6 @@ TEST_F(Window, AfterItsSizeChangedThePictureIsThatOfAWindowOfThatSize) {
   open({"--threshold", "20", "--reduced-motion"}, server.url());
   ASSERT_TRUE(opened()) << viewer_->output();
   press({"f", "2"});
-  std::this_thread::sleep_for(1s);
   EXPECT_EQ(compare(march, rested()).mean, 0);
   press({"1"});
   EXPECT_LT(compare(mesh, rested()).mean, 4);  // of a mesh that was built for another size first
@@ -158,7 +157,6 @@ TEST_F(Window, AnotherWorldIsEnteredByTypingItsNameAndIsTheOneThatEverybodySees)
   ASSERT_TRUE(opened()) << viewer_->output();
   EXPECT_TRUE(says("viewing canyon, seed 7")) << viewer_->output();
   press({"f", "2"});
-  std::this_thread::sleep_for(1s);
   EXPECT_LT(compare(canyon, rested()).mean, 0.5);
   close();
   EXPECT_TRUE(server.healthy());
