@@ -1,13 +1,11 @@
-// A client against a server that lies, hangs up and comes back, at times with another world. (Real servers: tests/e2e/resume_test.cpp.)
+// A client against a server that lies or is silent. (How it comes back: tests/unit/client/core/conversation/reconnector_test.cpp.)
 #include "client/link/client.h"
 
 #include <gtest/gtest.h>
 
 #include <atomic>
 #include <chrono>
-#include <functional>
 #include <string>
-#include <vector>
 
 #include "common/codec/codec.h"
 #include "common/wire/wire.h"
@@ -90,82 +88,6 @@ TEST(Client, DecodesBesideTheOwnerAndSaysWhenItIsReady) {
   EXPECT_TRUE(testing_support::await([&] { return (update = client->poll(0ms, [&] { ++ready; })).has_value(); }));
   EXPECT_EQ(ready, 1);
   EXPECT_EQ(client->scene().triangles(), leaf.triangles.size());
-}
-
-TEST(Client, NamesWhatItHoldsToTheNextConnectionAndSendsItsPoseAgain) {
-  const mesh::LeafMesh leaf = anyLeaf();
-  int connections = 0;
-  RawServer server(
-      [&](RawConnection& peer) {
-        greet(peer, 1);
-        if (++connections == 1) {
-          sendIteration(peer, 1, std::get<wire::PoseMessage>(read(peer)).sequence, leaf);
-          read(peer);
-          return;
-        }
-        const auto held = std::get<wire::Resume>(read(peer)).leaves;
-        ASSERT_EQ(held.size(), 1u);
-        EXPECT_EQ(held[0].hash, mesh::hashLeaf(leaf));
-        const auto pose = std::get<wire::PoseMessage>(read(peer));
-        EXPECT_EQ(pose.sequence, 1u);
-        EXPECT_EQ(pose.state, (std::vector<std::uint8_t>{1, 2}));
-        sendIteration(peer, 1, 1, leaf);
-        read(peer);
-      },
-      2);
-  const auto client = Client::open(at(server), {}).value();
-  ASSERT_TRUE(client->await(client->send({}, {1, 2}), kTimeout));
-  const auto again = client->receive(kTimeout);
-  ASSERT_TRUE(again);
-  EXPECT_FALSE(again->wrong);
-  EXPECT_EQ(client->connection().reconnections(), 1u);
-  EXPECT_EQ(client->resumed(), 1u);
-}
-
-// Asked twenty times a second for ever, once.
-TEST(Client, WaitsLongerEachTimeUntilAnIterationCanBeApplied) {
-  const mesh::LeafMesh leaf = anyLeaf();
-  constexpr int kConnections = 6;
-  RawServer server(
-      [&](RawConnection& peer) {
-        greet(peer, 1);
-        sendIteration(peer, 1, 0, leaf, false);
-        read(peer);
-      },
-      kConnections);
-  const auto began = std::chrono::steady_clock::now();
-  const auto client = Client::open(at(server), {}).value();
-  for (int k = 0; k < kConnections; ++k) ASSERT_TRUE(client->receive(kTimeout)->wrong);
-  EXPECT_GE(std::chrono::steady_clock::now() - began, (50ms + 100ms + 200ms + 400ms + 800ms) / 2);
-}
-
-TEST(Client, StaysWithWhatItHoldsWhereTheServerHasAnotherWorld) {
-  const mesh::LeafMesh leaf = anyLeaf();
-  std::uint64_t world = 0;
-  RawServer server(
-      [&](RawConnection& peer) {
-        greet(peer, ++world);
-        if (world > 1) return peer.drain();
-        sendIteration(peer, 1, 0, leaf);
-        read(peer);
-      },
-      2);
-  const auto client = Client::open(at(server), {}).value();
-  ASSERT_TRUE(client->receive(kTimeout));
-  EXPECT_FALSE(client->receive(kTimeout));
-  EXPECT_TRUE(client->connection().otherWorld());
-  EXPECT_TRUE(client->connection().error());
-  EXPECT_EQ(client->world().contentHash, 1u);
-  EXPECT_EQ(client->scene().triangles(), leaf.triangles.size());
-}
-
-TEST(Client, EndsWithItsConnectionWhereItIsToldTo) {
-  RawServer server([&](RawConnection& peer) { greet(peer, 1); });
-  const auto client = Client::open(at(server), {}, {.reconnects = false}).value();
-  const auto awaited = client->await(client->send({}), kTimeout);
-  ASSERT_FALSE(awaited);
-  EXPECT_EQ(awaited.error().message, client->connection().error()->message);
-  EXPECT_EQ(client->connection().reconnections(), 0u);
 }
 
 TEST(Client, SaysThatNoAnswerCame) {

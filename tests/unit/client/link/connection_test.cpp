@@ -98,18 +98,6 @@ TEST(Connection, AsksForTheSessionOfTheUrl) {
   expectContains(head, "GET /v1/stream?session=race-1 HTTP/1.1\r\n");
 }
 
-TEST(Connection, ServerThatRefuses) {
-  RawServer server([](RawConnection& peer) {
-    peer.upgrade();
-    peer.readFrame();
-    peer.sendFrame(
-        wire::encode(wire::ServerMessage(wire::ErrorMessage{wire::ErrorCode::kVersion, "this server speaks version 2,\nupdate"})));
-    peer.sendClose(1002, "version");
-    peer.drain();
-  });
-  expectContains(errorOf(at(server.port())), "this server speaks version 2, update");
-}
-
 TEST(Connection, ServerThatClosesWithAReason) {
   RawServer server([](RawConnection& peer) {
     peer.upgrade();
@@ -141,16 +129,14 @@ TEST(Connection, ServerThatTalksNonsense) {
 
 // A server that greets and then plays on.
 struct Greeted {
-  explicit Greeted(const std::function<void(RawConnection&)>& then, std::uint32_t window = 3, wire::Pacing pacing = wire::Pacing::kFree)
+  explicit Greeted(const std::function<void(RawConnection&)>& then)
       : server([=](RawConnection& peer) {
           peer.upgrade();
           peer.readFrame();
-          peer.sendFrame(worldBytes(window));
+          peer.sendFrame(worldBytes());
           then(peer);
         }) {
-    wire::Hello hello;
-    hello.pacing = pacing;
-    auto opened = Connection::open(at(server.port()), hello, {.reconnects = false, .timeout = kTimeout});
+    auto opened = Connection::open(at(server.port()), wire::Hello{}, {.reconnects = false, .timeout = kTimeout});
     EXPECT_TRUE(opened) << opened.error().message;
     if (opened) connection = std::move(*opened);
   }
@@ -184,28 +170,6 @@ TEST(Connection, SaysHelloAndHoldsTheWorld) {
   EXPECT_EQ(sent.clientName, "a test");
   EXPECT_EQ(sent.settings.threshold, 2);
   EXPECT_EQ(sent.pacing, wire::Pacing::kLockstep);
-}
-
-TEST(Connection, IterationsArriveInOrderAndAreCounted) {
-  Greeted g([](RawConnection& peer) {
-    for (std::uint64_t n = 1; n <= 50; ++n) {
-      peer.sendFrame(iterationBytes(n));
-      if (n % 7 == 0) peer.sendFrame("", 9);  // pings in between
-      const auto ack = read<wire::Acknowledge>(peer);
-      EXPECT_EQ(ack.iteration, n);
-    }
-    peer.drain();
-  });
-  std::uint64_t bytes = worldBytes().size();
-  for (std::uint64_t n = 1; n <= 50; ++n) {
-    const auto received = g.connection->receive(kTimeout);
-    ASSERT_TRUE(received);
-    EXPECT_EQ(received->iteration.number, n);
-    EXPECT_EQ(received->bytes, iterationBytes(n).size());
-    bytes += received->bytes;
-    g.connection->acknowledge({.iteration = n, .meshHash = n});
-  }
-  EXPECT_EQ(g.connection->bytesReceived(), bytes);
 }
 
 TEST(Connection, PartsQuicklyWhileItIsLost) {
@@ -261,41 +225,6 @@ TEST(Connection, ServerThatAnnouncesAFrameTooLarge) {
     peer.drain();
   });
   expectEndsWith(*g.connection, "more than 256 MiB");
-}
-
-TEST(Connection, FreePacingSendsTheNewestPose) {
-  std::promise<std::uint64_t> last;
-  Greeted g([&](RawConnection& peer) {
-    std::uint64_t sequence = 0;
-    while (sequence < 100'000) {
-      const auto pose = read<wire::PoseMessage>(peer);
-      EXPECT_GT(pose.sequence, sequence);
-      sequence = pose.sequence;
-    }
-    last.set_value(sequence);
-    peer.drain();
-  });
-  for (std::uint64_t n = 1; n <= 100'000; ++n) g.connection->send({.sequence = n, .camera = {}});
-  EXPECT_EQ(last.get_future().get(), 100'000u);
-}
-
-TEST(Connection, LockstepPosesThatNobodyReadsEndIt) {
-  std::promise<void> over;
-  std::shared_future<void> wait(over.get_future());
-  Greeted g([wait](RawConnection&) { wait.wait(); }, 3, wire::Pacing::kLockstep);
-  for (std::uint64_t n = 1; n <= 10'000'000 && !g.connection->error(); ++n) g.connection->send({.sequence = n, .camera = {}});
-  expectEndsWith(*g.connection, "64 poses wait");
-  over.set_value();
-}
-
-TEST(Connection, StepsThatCannotLeaveEndItInTrueWords) {
-  std::promise<void> over;
-  std::shared_future<void> wait(over.get_future());
-  Greeted g([wait](RawConnection&) { wait.wait(); });
-  for (int n = 0; n < 10'000'000 && !g.connection->error(); ++n) g.connection->step({1, false});
-  expectEndsWith(*g.connection, "256 messages wait to leave; send fewer at a time");
-  EXPECT_EQ(g.connection->error()->message.find("does not read"), std::string::npos) << "the server had no time to";
-  over.set_value();
 }
 
 TEST(Connection, PartsQuicklyFromAServerThatDoesNotAnswer) {

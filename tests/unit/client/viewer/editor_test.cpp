@@ -4,7 +4,6 @@
 
 #include <gtest/gtest.h>
 
-#include <algorithm>
 #include <cmath>
 #include <cstdlib>
 #include <functional>
@@ -186,37 +185,6 @@ TEST(Editor, ARoadIsDrawnFromItsCornersToTheBrush) {
   editor.undo();
   EXPECT_EQ(draw(0.7, 0.55), outline);
   client.reset();
-}
-
-TEST(Editor, AnEditWithoutAnAnswerGoesAgainOverTheNextConnection) {
-  std::vector<wire::Edit> edits;
-  RawServer server(
-      [&](RawConnection& peer) {
-        greet(peer);
-        sendRidge(peer);
-        edits.push_back(readEdit(peer).value_or(wire::Edit{}));
-        if (edits.size() < 2) return;  // hangs up
-        peer.sendFrame(wire::encode(wire::ServerMessage(wire::EditAnswer{edits.back().id, 0, "Not here."})));
-        peer.drain();
-      },
-      2);
-  auto client = link::Client::open(at(server), {}).value();
-  ASSERT_TRUE(client->receive(kTimeout));
-  ViewerState state;
-  Editor editor(*client, at(server), state);
-  editor.toggle();
-  const camera::Camera camera = looking(0, -0.5);
-  editor.click(camera, {0.5, 0.5});
-  EXPECT_TRUE(await([&] {
-    client->receive(std::chrono::milliseconds(1));
-    editor.update(camera, {}, 1);
-    return state.hint == "Not here.";
-  })) << state.hint;
-  client.reset();
-  ASSERT_EQ(edits.size(), 2u);
-  EXPECT_EQ(edits[0].key, edits[1].key);
-  EXPECT_EQ(edits[0].operation, edits[1].operation);
-  EXPECT_EQ(edits[0].key.size(), 32u);
 }
 
 TEST(Editor, SaysWhyThereIsNoEditing) {
