@@ -19,18 +19,15 @@
 #include "client/core/mesh/mesh_ground.h"
 #include "client/link/connection.h"
 #include "client/query/ground.h"
-#include "client/query/patch.h"
 #include "common/wire/wire.h"
 #include "server/http/queries.h"
 #include "tests/integration/loopback.h"
 #include "tests/support/sanitized.h"
-#include "tests/support/socket_client.h"
 #include "tests/support/waiting.h"
 
 namespace ridgecast {
 namespace {
 
-using namespace std::chrono_literals;
 using lattice::Step;
 using link::Connection;
 using query::Ground;
@@ -133,37 +130,6 @@ TEST_F(QueriesTest, LocalAnswersAreTheServersBitForBit) {
   }
 }
 
-TEST_F(QueriesTest, PostedHeightsAreTheStreamsBitForBit) {
-  const Places p = randomPlaces(http::kMaxPostedPlaces, 8);
-  std::vector<double> metres;
-  for (std::size_t k = 0; k < p.x.size(); ++k) {
-    metres.push_back(static_cast<double>(p.x[k]) / 256);
-    metres.push_back(static_cast<double>(p.z[k]) / 256);
-  }
-  const std::string body(reinterpret_cast<const char*>(metres.data()), metres.size() * sizeof(double));
-  const std::string request =
-      "POST /v1/heights?session=renamed-alpine HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/octet-stream\r\n"
-      "Content-Length: " +
-      std::to_string(body.size()) + "\r\n\r\n" + body;
-  auto connection = join("renamed-alpine");
-  Ground ground(*connection);
-  std::vector<float> streamed(p.x.size());
-  ASSERT_TRUE(ground.heights(p.x, p.z, streamed));
-  testing_support::SocketClient client(server->port());
-  std::vector<double> took;
-  for (int k = 0; k < 5; ++k) {
-    const auto begin = Time::now();
-    client.send(request);
-    const std::string answer = client.answer();
-    took.push_back(std::chrono::duration<double, std::milli>(Time::now() - begin).count());
-    ASSERT_TRUE(answer.starts_with("HTTP/1.1 200")) << answer.substr(0, 300);
-    const std::string raw(reinterpret_cast<const char*>(streamed.data()), streamed.size() * sizeof(float));
-    EXPECT_TRUE(answer.ends_with("\r\n\r\n" + raw));
-  }
-  std::ranges::sort(took);
-  std::printf("%zu heights by POST: median %.1f ms, most %.1f ms\n", p.x.size(), took[2], took[4]);
-}
-
 TEST_F(QueriesTest, AMeshKeepsItsBoundOnADenseSample) {
   wire::Hello hello;
   hello.role = wire::Role::kSensor;
@@ -211,84 +177,6 @@ TEST_F(QueriesTest, AMeshKeepsItsBoundOnADenseSample) {
   ASSERT_TRUE(hit);
   EXPECT_NEAR(3000 - hit->distance, core::heightOf(scene, below)->height, 1e-6);
   EXPECT_FALSE(core::cast(scene, {below.x, below.z, 9000, 0, 1, 0, 5000}));
-}
-
-TEST_F(QueriesTest, TheGroundAroundAPointHasTheErrorThatWasAskedFor) {
-  wire::Hello hello;
-  hello.role = wire::Role::kSensor;
-  for (const auto& d : terrain::builtIn()) {
-    auto connection = join(std::string(d.name), hello);
-    Ground truth(*connection);
-    std::mt19937_64 random(6);
-    for (const auto& [radius, error] : {std::pair(20.0, 0.1), std::pair(60.0, 0.25), std::pair(200.0, 2.0)}) {
-      const lattice::Point at{5000 * 256 + static_cast<Step>(radius * 700), -3000 * 256};
-      const auto begin = Time::now();
-      const auto patch = query::groundAround(*connection, at, radius, error, kTimeout);
-      ASSERT_TRUE(patch) << patch.error().message;
-      const double milliseconds = std::chrono::duration<double, std::milli>(Time::now() - begin).count();
-      double worst = 0;
-      for (int k = 0; k < 2000; ++k) {
-        const double angle = std::uniform_real_distribution<double>(0, 6.28318)(random);
-        const double far = std::sqrt(std::uniform_real_distribution<double>(0, 1)(random)) * radius * 256;
-        const lattice::Point place{at.x + static_cast<Step>(far * std::cos(angle)), at.z + static_cast<Step>(far * std::sin(angle))};
-        const auto height = core::heightOf(patch->scene, place);
-        ASSERT_TRUE(height) << "the whole circle is covered";
-        float exact = 0;
-        ASSERT_TRUE(truth.heights({&place.x, 1}, {&place.z, 1}, {&exact, 1}));
-        worst = std::max(worst, std::abs(exact - height->height));
-        ASSERT_LE(std::abs(exact - height->height), height->bound);
-      }
-      EXPECT_LE(worst, patch->error) << d.name << " " << radius;
-      EXPECT_LE(patch->error, error) << d.name << " " << radius;
-      std::printf("%s, %g m at %g m: %llu triangles, error %.3f m (%.3f m found), %.0f ms\n", std::string(d.name).c_str(), radius, error,
-                  static_cast<unsigned long long>(patch->scene.triangles()), patch->error, worst, milliseconds);
-    }
-  }
-}
-
-// Two clients ask a server with two threads for far more than their budgets allow. An honest camera gets its iterations meanwhile.
-TEST_F(QueriesTest, TwoLargeGroundsDoNotStopACamera) {
-  auto honest = join("alpine"), one = join("alpine"), other = join("alpine");
-  core::Scene mesh;
-  const auto fly = [&](std::uint64_t sequence) {
-    wire::PoseMessage pose;
-    pose.sequence = sequence;
-    pose.camera.pose = {.x = static_cast<Step>(sequence) * 256, .z = 0, .remainderX = 0, .remainderZ = 0, .y = 1900, .yaw = 0, .pitch = 0};
-    pose.camera.projection.width = 640;
-    pose.camera.projection.height = 360;
-    honest->send(pose);
-    const auto begin = Time::now();
-    for (bool came = false; !came;) {
-      auto received = honest->receive(kTimeout);
-      if (!received) return -1.0;
-      if (!mesh.apply(received->iteration)) return -1.0;
-      honest->acknowledge({received->iteration.number, mesh.hash()});
-      came = received->iteration.poseSequence == sequence;
-    }
-    return std::chrono::duration<double, std::milli>(Time::now() - begin).count();
-  };
-  ASSERT_GE(fly(1), 0);
-  auto first = one->askGround({0, {0, 0}, 4096, 0.02}), second = other->askGround({0, {0, 0}, 4096, 0.02});
-  const auto open = [](auto& answer) { return answer.wait_for(0s) != std::future_status::ready; };
-  double worst = 0;
-  std::uint64_t sequence = 1, before = 0;  // iterations before both answers
-  while (open(first) || open(second)) {
-    const double milliseconds = fly(++sequence);
-    ASSERT_GE(milliseconds, 0);
-    worst = std::max(worst, milliseconds);
-    ++before;
-  }
-  EXPECT_GT(before, 20u);
-  std::printf("%llu poses while two grounds were in work: the worst took %.0f ms\n", static_cast<unsigned long long>(before), worst);
-  for (auto* answer : {&first, &second}) {
-    const auto ground = answer->get();
-    ASSERT_FALSE(ground);
-    const std::string& sentence = ground.error().message;
-    // On a busy machine its time is over before it is known which error fits.
-    EXPECT_TRUE(std::ranges::any_of(std::array{" m fits", "smaller radius", "server is busy"}, [&](const char* part) {
-      return sentence.find(part) != std::string::npos;
-    })) << sentence;
-  }
 }
 
 TEST_F(QueriesTest, PlacesOffTheLatticeAndSpansOfDifferentSizesAreErrors) {
