@@ -35,8 +35,8 @@ inline int holes(const core::Scene& scene, const camera::Pose& pose) {
   return count;
 }
 
-// Eleven seconds, and as many more as a slow machine takes for a flight worth its name; the latencies that the client counts afterwards
-// are those from the fourth on. Empty, or what went wrong.
+// Eleven seconds where times are measured, otherwise half of that, and as many more as a slow machine takes for a flight worth its name;
+// the latencies that the client counts afterwards are those from the fourth second on. Empty, or what went wrong.
 inline std::string quickTurn(Traveller& client, const PathCamera& path) {
   using Clock = std::chrono::steady_clock;
   const auto since = [](Clock::time_point t) { return std::chrono::duration<double>(Clock::now() - t).count(); };
@@ -44,6 +44,7 @@ inline std::string quickTurn(Traveller& client, const PathCamera& path) {
   std::string wrong;
   const auto fly = [&](double seconds, double turn) {
     const auto start = Clock::now();
+    if (!measures()) seconds /= 2;
     while (wrong.empty() && since(start) < seconds) {
       camera::Camera camera = path.at(since(began));
       camera.pose.yaw += turn * std::min(1.0, since(start) / 0.3);

@@ -25,11 +25,7 @@ class Traveller {
     client_ = link::Client::open(core::parseUrl(url).value(), hello).value();
   }
 
-  void send(const camera::Camera& camera) {
-    sequence_ = client_->send(camera);
-    settled_ = false;
-    sent_.push_back({sequence_, std::chrono::steady_clock::now()});
-  }
+  void send(const camera::Camera& camera) { sent_.push_back({client_->send(camera), std::chrono::steady_clock::now()}); }
   // Takes what is there; false: something cannot be applied.
   bool take(std::chrono::milliseconds timeout) {
     while (const auto update = client_->receive(timeout)) {
@@ -46,8 +42,6 @@ class Traveller {
       }
       agrees_ = !update->wrong;
       heardOf_ = line().reconnections();
-      settled_ = iteration.settled && iteration.poseSequence == sequence_;
-      wholes_ += iteration.whole.size();
       if (scene().iteration() == 0) return false;
     }
     return true;
@@ -56,11 +50,9 @@ class Traveller {
   const link::Connection& line() const { return client_->connection(); }
   const core::Scene& scene() const { return client_->scene(); }
   bool agrees() const { return agrees_ && heardOf_ == line().reconnections() && !line().error(); }
-  bool settled() const { return settled_ && heardOf_ == line().reconnections(); }
   const std::string& failure() const { return failure_; }
   std::size_t mismatches() const { return mismatches_; }
   std::size_t resumed() const { return client_->resumed(); }
-  std::size_t wholes() const { return wholes_; }
   std::size_t iterations() const { return latencies_.size(); }
   // Milliseconds from a pose to the first mesh for it or a later one.
   const std::vector<double>& latencies() const { return latencies_; }
@@ -69,11 +61,11 @@ class Traveller {
  private:
   std::unique_ptr<link::Client> client_;
   std::string failure_;
-  std::uint64_t sequence_ = 0, heardOf_ = 0;  // reconnections before the newest iteration
-  bool agrees_ = false, settled_ = false;
+  std::uint64_t heardOf_ = 0;  // reconnections before the newest iteration
+  bool agrees_ = false;
   std::deque<std::pair<std::uint64_t, std::chrono::steady_clock::time_point>> sent_;
   std::vector<double> latencies_;
-  std::size_t mismatches_ = 0, wholes_ = 0;
+  std::size_t mismatches_ = 0;
 };
 
 }  // namespace ridgecast::testing_support
