@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <nlohmann/json.hpp>
 
+#include "common/outcome/contract.h"
 #include "common/wire/wire.h"
 #include "server/access/crypto.h"
 
@@ -86,6 +87,9 @@ Outcome<Grant> verifyJwt(std::string_view token, std::span<const Key> keys, Time
 }
 
 std::string issueJwt(const Grant& grant, std::string_view secret, Time now) {
+  expects(grant.expires.has_value(), "a JSON Web Token expires");
+  expects(secret.size() >= kMinSecretBytes, "a secret is as long as its hash");
+  expects(!grant.rights.empty(), "a token grants something");
   json claims = {
       {"iat", now.time_since_epoch().count()}, {"exp", grant.expires.value().time_since_epoch().count()}, {"rights", toText(grant.rights)}};
   if (!grant.session.empty()) claims["session"] = grant.session;

@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "common/outcome/contract.h"
 #include "common/outcome/outcome.h"
 
 struct evp_pkey_st;  // OpenSSL's
@@ -21,7 +22,9 @@ inline constexpr std::size_t kMaxKeys = 16;         // of all files together
 // Immutable; any thread.
 class Key {
  public:
-  explicit Key(std::string secret) : secret_(std::move(secret)) {}  // at least kMinSecretBytes
+  explicit Key(std::string secret) : secret_(std::move(secret)) {  // at least kMinSecretBytes
+    expects(secret_.size() >= kMinSecretBytes, "a secret is as long as its hash");
+  }
   // The public keys in a file: PEM, one or more, or a JSON Web Key Set (RFC 7517), in which keys for other purposes are skipped.
   // Error: unreadable, longer than 64 KiB, neither of the two, no key that is usable here, more than kMaxKeys.
   static Outcome<std::vector<Key>> readPublic(const std::filesystem::path& file);

@@ -9,6 +9,7 @@
 #include <optional>
 #include <utility>
 
+#include "common/outcome/contract.h"
 #include "server/access/network.h"
 
 namespace ridgecast::access {
@@ -36,6 +37,7 @@ class ConnectionsByAddress {
       if (!state_) return;
       const std::lock_guard lock(state_->mutex);
       const auto found = state_->counts.find(who_);
+      expects(found != state_->counts.end() && found->second > 0, "a connection that ends was counted");
       if (--found->second == 0) state_->counts.erase(found);
     }
     const Address& who() const { return who_; }

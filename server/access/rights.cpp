@@ -4,6 +4,7 @@
 #include <array>
 #include <utility>
 
+#include "common/outcome/contract.h"
 #include "common/text/text.h"
 
 namespace ridgecast::access {
@@ -20,7 +21,11 @@ constexpr std::array<std::pair<Right, std::string_view>, 7> kNames{{{Right::kVie
 
 }  // namespace
 
-std::string_view name(Right right) { return std::ranges::find(kNames, right, &std::pair<Right, std::string_view>::first)->second; }
+std::string_view name(Right right) {
+  const auto found = std::ranges::find(kNames, right, &std::pair<Right, std::string_view>::first);
+  expects(found != kNames.end(), "each right has a name");
+  return found->second;
+}
 
 Outcome<Rights> parseRights(std::string_view text) {
   Rights rights;

@@ -5,6 +5,7 @@
 #include <sstream>
 #include <vector>
 
+#include "common/outcome/contract.h"
 #include "common/text/text.h"
 #include "common/wire/wire.h"
 #include "server/access/crypto.h"
@@ -108,6 +109,7 @@ Outcome<Grant> Tokens::judge(std::string_view token, Time now) const {
 }
 
 NewToken makeToken(const Grant& grant) {
+  expects(holderNameIsValid(grant.name) && !grant.rights.empty(), "a line of the token file can be read again");
   NewToken made;
   made.token = "rc_" + base64url(randomBytes(32));
   made.line = grant.name + " " + toText(grant.rights) + " " + (grant.session.empty() ? "*" : grant.session) + " " +

@@ -6,6 +6,7 @@
 #include <numbers>
 
 #include "common/lattice/lattice.h"
+#include "common/outcome/contract.h"
 #include "common/text/text.h"
 #include "server/earth/earth.h"
 
@@ -38,6 +39,8 @@ std::optional<Place> placeOf(std::string_view text) {
 }
 
 Sheet sheetOf(const TileAddress& tile, const Place& origin, const terrain::Raster* map) {
+  expects(tile.isValid(), "a map tile is one of its level's");
+  expects(std::abs(origin.latitude) <= kMaxLatitude, "the world's origin lies where the Mercator plane shows it");
   const double latitude = origin.latitude * kRadians, scale = std::cos(latitude) * lattice::kStepsPerMetre;
   const double originX = kRadius * origin.longitude * kRadians, originY = kRadius * std::asinh(std::tan(latitude));
   const double half = kRadius * std::numbers::pi, pixel = std::ldexp(2 * half / kTilePixels, -tile.level);
@@ -61,6 +64,7 @@ Sheet sheetOf(const TileAddress& tile, const Place& origin, const terrain::Raste
 }
 
 std::optional<Sheet> sheetOf(const TileAddress& tile, const terrain::Raster& map) {
+  expects(tile.isValid(), "a map tile is one of its level's");
   const auto origin = terrain::onGrid(map, {});
   const earth::Grid* const grid = earth::Grid::of(map);
   if (!grid) return std::nullopt;
@@ -86,6 +90,7 @@ std::optional<Sheet> sheetOf(const TileAddress& tile, const terrain::Raster& map
 }
 
 std::optional<Bounds> boundsOf(const lattice::Area& part, const terrain::Raster* map, const std::optional<Place>& origin) {
+  expects(part.x0 <= part.x1 && part.z0 <= part.z1, "a part of the world begins before it ends");
   constexpr std::int64_t kParts = 16;  // of a side, which may be bent
   const auto grid = map ? terrain::onGrid(*map, {}) : std::nullopt;
   const earth::Grid* const projection = origin || !map ? nullptr : earth::Grid::of(*map);
@@ -130,6 +135,7 @@ std::optional<Bounds> boundsOf(const lattice::Area& part, const terrain::Raster*
 }
 
 TileRange tilesOf(const Bounds& bounds, int level) {
+  expects(level >= 0 && level <= kFinestTileLevel, "a level of map tiles is 0 to 24");
   const double tiles = std::ldexp(1.0, level);
   const auto within = [&](double at) { return static_cast<std::uint32_t>(std::clamp(std::floor(at), 0.0, tiles - 1)); };
   const auto column = [&](double longitude) { return within((longitude / 360 + 0.5) * tiles); };
@@ -140,6 +146,7 @@ TileRange tilesOf(const Bounds& bounds, int level) {
 }
 
 int finestLevelOf(const terrain::RasterShape& map, double latitude) {
+  expects(std::abs(latitude) < 90, "a map tile does not lie at a pole");
   const double pixel = 2 * std::numbers::pi * kRadius * std::cos(latitude * kRadians) / kTilePixels;  // of level 0, metres
   return std::clamp(static_cast<int>(std::ceil(std::log2(pixel / std::min(map.x.metres(), map.z.metres())))), 0, kFinestTileLevel);
 }

@@ -35,6 +35,7 @@ std::optional<Place> placeOf(std::string_view text);
 struct TileAddress {
   int level = 0;               // 0..kFinestTileLevel
   std::uint32_t x = 0, y = 0;  // below 2^level
+  bool isValid() const { return level >= 0 && level <= kFinestTileLevel && x >> level == 0 && y >> level == 0; }
 };
 
 // The pixels of a tile. `origin`: where the world's x 0, z 0 lies. A map laid there keeps the rotation from north that its grid has at its

@@ -11,9 +11,20 @@
 
 #include <jpeglib.h>
 
+#include "common/outcome/contract.h"
+
 namespace ridgecast::map {
 
+namespace {
+
+void expectsPixels(std::span<const std::uint8_t> rgb, std::uint32_t columns, std::uint32_t rows) {
+  expects(columns > 0 && rows > 0 && rgb.size() == std::size_t{3} * columns * rows, "a picture has three bytes for each of its pixels");
+}
+
+}  // namespace
+
 std::string png(std::span<const std::uint8_t> rgb, std::uint32_t columns, std::uint32_t rows) {
+  expectsPixels(rgb, columns, rows);
   png_structp file = png_create_write_struct(
       PNG_LIBPNG_VER_STRING, nullptr, [](png_structp, png_const_charp) { throw std::bad_alloc(); }, nullptr);
   if (!file) throw std::bad_alloc();
@@ -35,6 +46,8 @@ std::string png(std::span<const std::uint8_t> rgb, std::uint32_t columns, std::u
 }
 
 std::string jpeg(std::span<const std::uint8_t> rgb, std::uint32_t columns, std::uint32_t rows, int quality) {
+  expectsPixels(rgb, columns, rows);
+  expects(quality >= 1 && quality <= 100, "a JPEG's quality is 1 to 100");
   jpeg_compress_struct file{};
   jpeg_error_mgr errors{};
   file.err = jpeg_std_error(&errors);

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "common/outcome/contract.h"
 
@@ -40,6 +41,7 @@ std::string packed(std::string_view bytes) {
 }  // namespace
 
 std::uint64_t tileId(const TileAddress& tile) {
+  expects(tile.isValid(), "a map tile is one of its level's");
   std::uint64_t id = 0, x = tile.x, y = tile.y;
   for (int level = 0; level < tile.level; ++level) id += std::uint64_t{1} << (2 * level);
   for (std::uint64_t side = std::uint64_t{1} << tile.level >> 1; side > 0; side >>= 1) {
@@ -58,6 +60,7 @@ Archive::Archive(const std::filesystem::path& file) : out_(file, std::ios::binar
 
 bool Archive::add(std::uint64_t id, std::string_view tile) {
   expects(entries_.empty() || id >= entries_.back().id + entries_.back().run, "tiles come in the order of the archive");
+  expects(!tile.empty() && tile.size() <= std::numeric_limits<std::uint32_t>::max(), "a tile's length is a number of 32 bits, and not 0");
   ++addressed_;
   if (!entries_.empty() && tile == last_) {
     const Entry& before = entries_.back();
@@ -87,6 +90,7 @@ std::string Archive::directory(const Entry* entries, std::size_t count) {
 }
 
 bool Archive::finish(const About& about) {
+  expects(0 <= about.coarsest && about.coarsest <= about.finest && about.finest <= kFinestTileLevel, "levels run from coarse to fine");
   std::string root = directory(entries_.data(), entries_.size()), leaves;
   for (std::size_t most = 4096; kHeaderBytes + root.size() > kRootEnds; most *= 2) {
     std::vector<Entry> all;
@@ -97,6 +101,7 @@ bool Archive::finish(const About& about) {
       leaves += leaf;
     }
     root = directory(all.data(), all.size());
+    expects(all.size() > 1 || kHeaderBytes + root.size() <= kRootEnds, "a directory of one entry fits in front of the tiles");
   }
   std::uint64_t contents = 0, end = 0;  // of the tiles that were written
   for (const Entry& e : entries_)

@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "common/lattice/lattice.h"
+#include "common/outcome/contract.h"
 
 namespace ridgecast::map {
 namespace {
@@ -62,9 +63,15 @@ Float3 normalOf(float west, float east, float north, float south, float spanX, f
   return {nx / length, 1 / length, nz / length};
 }
 
+void expectsNodes(const Sheet& sheet) {
+  expects(sheet.nodes.empty() || sheet.nodes.size() == sheet.nodesAcross() * (sheet.rows / Sheet::kNodePixels + 1),
+          "a bent sheet has a node at each 32nd corner of its pixels");
+}
+
 }  // namespace
 
 std::vector<float> heights(const terrain::Terrain& terrain, const Sheet& sheet, const std::stop_token& stop) {
+  expectsNodes(sheet);
   std::vector<float> out;
   out.reserve(sheet.pixels());
   Row row;
@@ -77,6 +84,7 @@ std::vector<float> heights(const terrain::Terrain& terrain, const Sheet& sheet, 
 }
 
 std::vector<std::uint8_t> colours(const terrain::Terrain& terrain, const Sheet& sheet, const std::stop_token& stop) {
+  expectsNodes(sheet);
   const terrain::Colours colours = terrain.colours();
   if (!colours) return {};
   const auto metres = [](double steps) { return static_cast<float>(steps * lattice::kMetresPerStep); };

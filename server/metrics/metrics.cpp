@@ -4,8 +4,11 @@
 #include <sys/resource.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <chrono>
 #include <fstream>
+
+#include "common/outcome/contract.h"
 
 namespace ridgecast::metrics {
 
@@ -42,6 +45,7 @@ Gauge& Registry::gauge(const std::string& name, const std::string& help, const L
 }
 
 Histogram& Registry::histogram(const std::string& name, const std::string& help, const std::vector<double>& bounds, const Labels& labels) {
+  expects(std::ranges::is_sorted(bounds), "the bounds of a histogram ascend");
   return prometheus::BuildHistogram().Name(name).Help(help).Register(registry_).Add(labels, bounds);
 }
 
