@@ -3,12 +3,15 @@
 #include <algorithm>
 #include <cmath>
 
+#include "common/outcome/contract.h"
+
 namespace ridgecast::tileset {
 
 using lattice::Step;
 
 Ramps::Ramps(const terrain::Terrain& terrain, lattice::LeafAddress square) : terrain_(terrain), square_(square) {
   const int shift = square.sideBits() - kHeightBits;
+  expects(shift >= 0, "the heights along a square's side lie on the lattice");
   std::vector<Step> x, z;
   for (Step j = 0; j <= kHeights; ++j)
     for (Step i = 0; i <= kHeights; ++i) {
@@ -35,6 +38,7 @@ double Ramps::between(std::int32_t i, std::int32_t j, double u, double v) const 
 }
 
 void Ramps::heights(std::span<const Step> x, std::span<const Step> z, std::span<float> out) const {
+  expects(x.size() == out.size() && z.size() == out.size(), "each place gets its height");
   const int shift = square_.sideBits() - kHeightBits + bits_;
   const auto last = (kHeights >> bits_) - 1;
   const double perCell = std::ldexp(1.0, -shift);
@@ -47,6 +51,7 @@ void Ramps::heights(std::span<const Step> x, std::span<const Step> z, std::span<
 }
 
 double Ramps::apartFrom(lattice::Point low, lattice::Point high, double apart) const {
+  expects(low.x <= high.x && low.z <= high.z, "a part of a square begins before it ends");
   const std::int32_t cell = 1 << bits_;
   const int shift = square_.sideBits() - kHeightBits;
   const auto first = [&](Step v) { return static_cast<std::int32_t>(std::clamp<Step>((v >> shift) & -cell, 0, kHeights)); };

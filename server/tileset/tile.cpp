@@ -5,6 +5,7 @@
 #include <utility>
 #include <vector>
 
+#include "common/outcome/contract.h"
 #include "common/terrain/raster.h"
 #include "server/tileset/ramps.h"
 
@@ -53,7 +54,9 @@ LeafMesh skirtBelow(const Tile& tile, double error) {
   for (const LocalVertex& v : tile.surface.vertices) lowest = std::min(lowest, v.y);
   lowest -= steps(skirtOf(error));
   LeafMesh skirt{.address = tile.surface.address, .vertices = {}, .triangles = {}};
-  for (const std::uint32_t v : ringOf(tile)) {
+  const std::vector<std::uint32_t> ring = ringOf(tile);
+  expects(ring.size() >= 4, "a tile has its four corners");
+  for (const std::uint32_t v : ring) {
     const LocalVertex& top = tile.surface.vertices[v];
     skirt.vertices.push_back(top);
     skirt.vertices.push_back({top.x, top.z, std::max(top.y - depth, lowest)});
@@ -159,6 +162,13 @@ lattice::Point frameOf(LeafAddress square) {
 
 box::Result<Tile> meshTile(const terrain::Terrain& terrain, const Wanted& wanted, std::uint32_t mostTriangles, scheduling::Pool& pool,
                            const box::Watch& watch) {
+  const auto [low, high] = std::pair(wanted.box.low, wanted.box.high);
+  const Wanted all = whole(wanted.square);
+  expects(isTile(wanted.square), "a tile is one of the lattice's squares");
+  expects(all.box.low.x <= low.x && low.x < high.x && high.x <= all.box.high.x && all.box.low.z <= low.z && low.z < high.z &&
+              high.z <= all.box.high.z,
+          "a tile covers a part of its square");
+  expects(wanted.box.error > 0, "a tile may be off");
   auto made = meshed(terrain, wanted, std::min(terrain.raster() ? kMax : kMaxOfFormula, mostTriangles), pool, watch);
   if (!made && made.error().kind == box::Problem::Kind::kTooMuch) {
     Ramps ramps(terrain, wanted.square);

@@ -8,6 +8,7 @@
 #include <unordered_map>
 #include <utility>
 
+#include "common/outcome/contract.h"
 #include "common/terrain/raster.h"
 #include "server/box/samples.h"
 #include "server/tileset/tile.h"
@@ -196,6 +197,7 @@ std::string rootTileset(const Pyramid& pyramid, const Root& root) {
 }
 
 std::string tilesetOf(const Pyramid& pyramid, LeafAddress square) {
+  expects(isTile(square) && square.level >= pyramid.finest, "a tileset begins at a tile of its pyramid");
   const int last = std::max(pyramid.finest, square.level - kLevels + 1);
   Json root = tree(pyramid, square, last, nullptr);
   const double error = root["geometricError"];
@@ -203,6 +205,7 @@ std::string tilesetOf(const Pyramid& pyramid, LeafAddress square) {
 }
 
 std::string rootTileset(const terrain::Terrain& terrain, const Question& question, std::string_view query) {
+  expects(question.reach >= kMinReach && question.reach <= kMaxReach, "a tileset reaches 100 m to 1,000 km");
   int level = 0;
   while (level < kCoarsest && metres(LeafAddress{level + 1, 0, 0}.side()) <= question.reach) ++level;
   const auto reach = static_cast<Step>(std::ceil(question.reach * lattice::kStepsPerMetre));
