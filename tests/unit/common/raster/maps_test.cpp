@@ -33,11 +33,11 @@ bool isHole(int x, int z) { return x == 7 || (x > 30 && z > 20); }
 struct Case {
   std::string script;
   std::string file = "map.tif";
-  std::vector<std::string> options = {"place=geo"};
-  bool hasHoles = false;                                              // read as -50
-  double unit = 1;                                                    // metres a unit of the plane
-  std::function<double(double)> height = [](double h) { return h; };  // metres of the ground's numbers
   std::string said = {};                                              // in the line at the start
+  std::function<double(double)> height = [](double h) { return h; };  // metres of the ground's numbers
+  std::vector<std::string> options = {"place=geo"};
+  double unit = 1;        // metres a unit of the plane
+  bool hasHoles = false;  // read as -50
   bool isPlaced = true;
 };
 
@@ -101,54 +101,42 @@ class Maps : public testing::Test {
 };
 
 TEST_F(Maps, MasksAreHoles) {
-  for (const Case& c : {
-           Case{.script = "cp holes.tif map.tif", .hasHoles = true},
-           Case{.script = "cp mask.tif map.tif", .hasHoles = true, .said = "read by GDAL as GTiff: mask"},
-           Case{.script = "cp alpha.tif map.tif", .hasHoles = true, .said = "mask"},
-           Case{.script = "gdal_translate -q -b 1 -mask 2 --config GDAL_TIFF_INTERNAL_MASK NO alpha.tif map.tif",
-           .hasHoles = true,
-           .said = "mask"},
-           Case{.script = "gdal_translate -q -co TILED=YES -co COMPRESS=LZW --config GDAL_TIFF_INTERNAL_MASK YES mask.tif map.tif",
-           .hasHoles = true},
-           Case{.script = "gdal_translate -q -of COG -co COMPRESS=DEFLATE --config GDAL_TIFF_INTERNAL_MASK YES mask.tif map.tif",
-           .hasHoles = true},
-           Case{
-               .script = "gdal_translate -q -of VRT holes.tif map.vrt", .file = "map.vrt", .hasHoles = true, .said = "read by GDAL as VRT"},
-           Case{.script = "gdal_translate -q -of VRT mask.tif map.vrt", .file = "map.vrt", .hasHoles = true},
-           Case{.script = "gdal_translate -q -of VRT alpha.tif map.vrt", .file = "map.vrt", .hasHoles = true},
-           Case{.script = "gdal_translate -q -ot UInt16 alpha.tif map.png -of PNG", .file = "map.png", .hasHoles = true, .isPlaced = false},
-           Case{.script = "gdal_translate -q -ot UInt16 -a_nodata 0 -b 1 alpha.tif map.png -of PNG", .file = "map.png", .hasHoles = true},
-           Case{.script = "gdalwarp -q -dstnodata nan holes.tif map.tif", .hasHoles = true},
-           Case{
-               .script = "gdal_translate -q -a_nodata none holes.tif map.tif", .options = {"place=geo", "missing=-9999"}, .hasHoles = true},
-           Case{.script = "gdal_translate -q -ot UInt16 -a_nodata none holes.tif map.tif",
-           .options = {"place=geo", "missing=0"},
-           .hasHoles = true},
-           Case{.script = "gdal_translate -q -of HFA holes.tif map.img", .file = "map.img", .hasHoles = true},
-           Case{.script = "gdal_translate -q -co PROFILE=BASELINE holes.tif map.tif; test -f map.tif.aux.xml", .hasHoles = true},
-           Case{.script = "gdal_translate -q -of EHdr holes.tif map.flt", .file = "map.flt", .hasHoles = true},
-           Case{.script = "gdal_translate -q -of AAIGrid holes.tif map.asc", .file = "map.asc", .hasHoles = true},
-           Case{.script = "gdal_translate -q -of AAIGrid holes.tif map.asc; rm map.prj; sed -i 's/-9999/nan/g' map.asc",
-           .file = "map.asc",
-           .hasHoles = true},
-           Case{.script = "gdal_translate -q -of AAIGrid holes.tif map.asc; rm map.prj; sed -i 's/-9999/NaN/g; /NODATA/d' map.asc",
-           .file = "map.asc",
-           .hasHoles = true},
-           Case{.script = "gdal_translate -q -of netCDF holes.tif map.nc", .file = "map.nc", .hasHoles = true},
-           Case{.script = "gdal_translate -q -of GSBG holes.tif map.grd", .file = "map.grd", .hasHoles = true},
-           Case{.script = "gdal_translate -q -of SAGA holes.tif map.sdat", .file = "map.sdat", .hasHoles = true},
-           Case{.script = "gdal_translate -q -of RST holes.tif map.rst", .file = "map.rst", .hasHoles = true},
-           Case{.script = "gdal_translate -q -ot Int32 -co COMPRESS=LERC holes.tif map.tif", .hasHoles = true},
-           Case{.script = "gdal_translate -q -ot Float64 -co COMPRESS=ZSTD -co PREDICTOR=3 holes.tif map.tif", .hasHoles = true},
-           Case{.script = "gdal_translate -q -co BIGTIFF=YES -co ENDIANNESS=BIG -co TILED=YES -co BLOCKXSIZE=16 -co BLOCKYSIZE=16 "
-                          "holes.tif map.tif",
-           .hasHoles = true},
-           Case{.script = "gdal_translate -q -co TILED=YES -co BLOCKXSIZE=16 -co BLOCKYSIZE=16 -co SPARSE_OK=YES holes.tif map.tif",
-           .hasHoles = true},
-           Case{.script = "gdal_translate -q holes.tif map.tif; gdaladdo -q -r average map.tif 2 4", .hasHoles = true},
-           Case{.script = "gdal_translate -q holes.tif map.tif; gdaladdo -q -ro map.tif 2 4; test -f map.tif.ovr", .hasHoles = true},
-       })
+  for (Case c : {
+           Case{"cp holes.tif map.tif"},
+           Case{"cp mask.tif map.tif", "map.tif", "read by GDAL as GTiff: mask"},
+           Case{"cp alpha.tif map.tif", "map.tif", "mask"},
+           Case{"gdal_translate -q -b 1 -mask 2 --config GDAL_TIFF_INTERNAL_MASK NO alpha.tif map.tif", "map.tif", "mask"},
+           Case{"gdal_translate -q -co TILED=YES -co COMPRESS=LZW --config GDAL_TIFF_INTERNAL_MASK YES mask.tif map.tif"},
+           Case{"gdal_translate -q -of COG -co COMPRESS=DEFLATE --config GDAL_TIFF_INTERNAL_MASK YES mask.tif map.tif"},
+           Case{"gdal_translate -q -of VRT holes.tif map.vrt", "map.vrt", "read by GDAL as VRT"},
+           Case{"gdal_translate -q -of VRT mask.tif map.vrt", "map.vrt"},
+           Case{"gdal_translate -q -of VRT alpha.tif map.vrt", "map.vrt"},
+           Case{.script = "gdal_translate -q -ot UInt16 alpha.tif map.png -of PNG", .file = "map.png", .isPlaced = false},
+           Case{"gdal_translate -q -ot UInt16 -a_nodata 0 -b 1 alpha.tif map.png -of PNG", "map.png"},
+           Case{"gdalwarp -q -dstnodata nan holes.tif map.tif"},
+           Case{.script = "gdal_translate -q -a_nodata none holes.tif map.tif", .options = {"place=geo", "missing=-9999"}},
+           Case{.script = "gdal_translate -q -ot UInt16 -a_nodata none holes.tif map.tif", .options = {"place=geo", "missing=0"}},
+           Case{"gdal_translate -q -of HFA holes.tif map.img", "map.img"},
+           Case{"gdal_translate -q -co PROFILE=BASELINE holes.tif map.tif; test -f map.tif.aux.xml"},
+           Case{"gdal_translate -q -of EHdr holes.tif map.flt", "map.flt"},
+           Case{"gdal_translate -q -of AAIGrid holes.tif map.asc", "map.asc"},
+           Case{"gdal_translate -q -of AAIGrid holes.tif map.asc; rm map.prj; sed -i 's/-9999/nan/g' map.asc", "map.asc"},
+           Case{"gdal_translate -q -of AAIGrid holes.tif map.asc; rm map.prj; sed -i 's/-9999/NaN/g; /NODATA/d' map.asc", "map.asc"},
+           Case{"gdal_translate -q -of netCDF holes.tif map.nc", "map.nc"},
+           Case{"gdal_translate -q -of GSBG holes.tif map.grd", "map.grd"},
+           Case{"gdal_translate -q -of SAGA holes.tif map.sdat", "map.sdat"},
+           Case{"gdal_translate -q -of RST holes.tif map.rst", "map.rst"},
+           Case{"gdal_translate -q -ot Int32 -co COMPRESS=LERC holes.tif map.tif"},
+           Case{"gdal_translate -q -ot Float64 -co COMPRESS=ZSTD -co PREDICTOR=3 holes.tif map.tif"},
+           Case{"gdal_translate -q -co BIGTIFF=YES -co ENDIANNESS=BIG -co TILED=YES -co BLOCKXSIZE=16 -co BLOCKYSIZE=16 "
+                "holes.tif map.tif"},
+           Case{"gdal_translate -q -co TILED=YES -co BLOCKXSIZE=16 -co BLOCKYSIZE=16 -co SPARSE_OK=YES holes.tif map.tif"},
+           Case{"gdal_translate -q holes.tif map.tif; gdaladdo -q -r average map.tif 2 4"},
+           Case{"gdal_translate -q holes.tif map.tif; gdaladdo -q -ro map.tif 2 4; test -f map.tif.ovr"},
+       }) {
+    c.hasHoles = true;
     judge(c);
+  }
 }
 
 // While somebody uses it: a map is read once, but a source that has another content makes another map.
@@ -203,52 +191,43 @@ TEST_F(Maps, UnitsScalesAndOffsetsAreApplied) {
     return script.replace(script.find("UNIT<"), 4, name) + more;
   };
   for (const Case& c : {
-           Case{.script = "gdal_translate -q -a_srs EPSG:32632+6360 plain.tif map.tif", .height = surveyFeet},
-           Case{.script = "gdal_translate -q -a_srs EPSG:32632+8228 plain.tif map.tif", .height = feet},
-           Case{.script = "gdal_translate -q -a_srs EPSG:32632+5703 plain.tif map.tif"},
-           Case{.script = "gdal_translate -q -a_srs EPSG:32632+7837 plain.tif map.tif"},
-           Case{.script = inUnit("ft", "true"), .file = "map.vrt", .height = feet, .said = "ft to metres"},
-           Case{.script = inUnit("US survey foot", "gdal_translate -q map.vrt map.tif"),
-           .height = surveyFeet,
-           .said = "US survey foot to metres"},
-           Case{.script = inUnit("m", "gdal_translate -q map.vrt map.tif")},
-           Case{.script = inUnit("dm", "gdal_translate -q map.vrt map.tif"), .height = [](double h) { return h / 10; }},
-           Case{.script = "gdal_translate -q -a_scale 0.1 -a_offset -500 int.tif map.tif",
-           .height = scaled,
-           .said = "scale 0.1, offset -500"},
-           Case{.script = "gdal_translate -q -a_scale 0.1 -a_offset -500 -ot Float32 int.tif map.tif", .height = scaled},
-           Case{.script = "gdal_translate -q -a_scale 0.1 -a_offset -500 -of VRT int.tif map.vrt", .file = "map.vrt", .height = scaled},
-           Case{.script = "gdal_translate -q -a_scale 0.1 -a_offset -500 -ot UInt16 -of PNG int.tif map.png",
-           .file = "map.png",
-           .height = scaled},
-           Case{.script = "gdal_translate -q -a_scale 0.1 -a_offset -500 -of HFA int.tif map.img", .file = "map.img", .height = scaled},
+           Case{"gdal_translate -q -a_srs EPSG:32632+6360 plain.tif map.tif", "map.tif", "", surveyFeet},
+           Case{"gdal_translate -q -a_srs EPSG:32632+8228 plain.tif map.tif", "map.tif", "", feet},
+           Case{"gdal_translate -q -a_srs EPSG:32632+5703 plain.tif map.tif"},
+           Case{"gdal_translate -q -a_srs EPSG:32632+7837 plain.tif map.tif"},
+           Case{inUnit("ft", "true"), "map.vrt", "ft to metres", feet},
+           Case{inUnit("US survey foot", "gdal_translate -q map.vrt map.tif"), "map.tif", "US survey foot to metres", surveyFeet},
+           Case{inUnit("m", "gdal_translate -q map.vrt map.tif")},
+           Case{inUnit("dm", "gdal_translate -q map.vrt map.tif"), "map.tif", "", [](double h) { return h / 10; }},
+           Case{"gdal_translate -q -a_scale 0.1 -a_offset -500 int.tif map.tif", "map.tif", "scale 0.1, offset -500", scaled},
+           Case{"gdal_translate -q -a_scale 0.1 -a_offset -500 -ot Float32 int.tif map.tif", "map.tif", "", scaled},
+           Case{"gdal_translate -q -a_scale 0.1 -a_offset -500 -of VRT int.tif map.vrt", "map.vrt", "", scaled},
+           Case{"gdal_translate -q -a_scale 0.1 -a_offset -500 -ot UInt16 -of PNG int.tif map.png", "map.png", "", scaled},
+           Case{"gdal_translate -q -a_scale 0.1 -a_offset -500 -of HFA int.tif map.img", "map.img", "", scaled},
            Case{.script = "gdal_translate -q -a_srs EPSG:2263 plain.tif map.tif", .unit = 12 / 39.37},
-           Case{.script = "gdal_translate -q -a_srs EPSG:2263+6360 plain.tif map.tif", .unit = 12 / 39.37, .height = surveyFeet},
+           Case{.script = "gdal_translate -q -a_srs EPSG:2263+6360 plain.tif map.tif", .height = surveyFeet, .unit = 12 / 39.37},
            Case{.script = "gdal_translate -q -a_srs EPSG:2222 plain.tif map.tif", .unit = 0.3048},
-           Case{.script = "gdal_translate -q -a_srs '+proj=utm +zone=25 +south +ellps=intl +towgs84=-206,172,-6,0,0,0,0 +units=m' "
-                          "plain.tif map.tif",
-           .said = "+proj=utm +zone=25 +south +ellps=intl +towgs84=-206,172,-6,0,0,0,0"},
-           Case{.script = "gdal_translate -q -a_srs EPSG:2056 plain.tif map.tif"},
+           Case{"gdal_translate -q -a_srs '+proj=utm +zone=25 +south +ellps=intl +towgs84=-206,172,-6,0,0,0,0 +units=m' "
+                "plain.tif map.tif",
+                "map.tif", "+proj=utm +zone=25 +south +ellps=intl +towgs84=-206,172,-6,0,0,0,0"},
+           Case{"gdal_translate -q -a_srs EPSG:2056 plain.tif map.tif"},
            Case{.script = "gdal_translate -q -a_srs EPSG:2263 -of VRT plain.tif map.vrt",
            .file = "map.vrt",
-           .unit = 12 / 39.37,
-           .said = "us-ft"},
+           .said = "us-ft",
+           .unit = 12 / 39.37},
            Case{.script = inUnit("ft", "true"),
            .file = "map.vrt",
-           .options = {"place=geo", "scale=2"},
-           .height = [](double h) { return 2 * h; }},
-           Case{.script = "gdal_translate -q -a_srs EPSG:2225+6360 plain.tif map.tif", .unit = 12 / 39.37, .height = surveyFeet},
-           Case{.script = "gdal_translate -q -a_srs EPSG:32632+6360 -of VRT plain.tif map.vrt",
-           .file = "map.vrt",
-           .height = surveyFeet,
-           .said = "us-ft to metres"},
-           Case{.script = "gdal_translate -q -a_srs EPSG:32632+8228 -of VRT plain.tif map.vrt", .file = "map.vrt", .height = feet},
-           Case{.script = "gdal_translate -q -a_srs EPSG:32632+5773 -of VRT plain.tif map.vrt", .file = "map.vrt"},
-           Case{.script = "gdal_translate -q -a_scale 0.1 -a_offset -500 -co PROFILE=BASELINE int.tif map.tif; test -f map.tif.aux.xml",
-           .height = scaled},
-           Case{.script = "gdal_translate -q -a_scale 0.1 -a_offset -500 -of netCDF int.tif map.nc", .file = "map.nc", .height = scaled},
-           Case{.script = "gdal_translate -q -a_scale 0.1 -a_offset -500 -of EHdr int.tif map.bil", .file = "map.bil", .height = scaled},
-           Case{.script = "gdal_translate -q -a_scale 0.1 -a_offset -500 -of COG int.tif map.tif", .height = scaled},
+           .height = [](double h) { return 2 * h; },
+           .options = {"place=geo", "scale=2"}},
+           Case{.script = "gdal_translate -q -a_srs EPSG:2225+6360 plain.tif map.tif", .height = surveyFeet, .unit = 12 / 39.37},
+           Case{"gdal_translate -q -a_srs EPSG:32632+6360 -of VRT plain.tif map.vrt", "map.vrt", "us-ft to metres", surveyFeet},
+           Case{"gdal_translate -q -a_srs EPSG:32632+8228 -of VRT plain.tif map.vrt", "map.vrt", "", feet},
+           Case{"gdal_translate -q -a_srs EPSG:32632+5773 -of VRT plain.tif map.vrt", "map.vrt"},
+           Case{"gdal_translate -q -a_scale 0.1 -a_offset -500 -co PROFILE=BASELINE int.tif map.tif; test -f map.tif.aux.xml", "map.tif",
+                "", scaled},
+           Case{"gdal_translate -q -a_scale 0.1 -a_offset -500 -of netCDF int.tif map.nc", "map.nc", "", scaled},
+           Case{"gdal_translate -q -a_scale 0.1 -a_offset -500 -of EHdr int.tif map.bil", "map.bil", "", scaled},
+           Case{"gdal_translate -q -a_scale 0.1 -a_offset -500 -of COG int.tif map.tif", "map.tif", "", scaled},
        })
     judge(c);
   EXPECT_THAT(refusal(inUnit("hPa", "true"), "map.vrt"), HasSubstr("its heights are in \"hPa\": say how many metres that is"));
@@ -256,82 +235,73 @@ TEST_F(Maps, UnitsScalesAndOffsetsAreApplied) {
 
 TEST_F(Maps, FilesBesideTheMapSayWhereItLies) {
   for (const Case& c : {
-           Case{.script = "gdal_translate -q -co TFW=YES -co PROFILE=BASELINE plain.tif map.tif; rm -f map.tif.aux.xml"},
-           Case{.script = "gdal_translate -q -co TFW=YES -co PROFILE=BASELINE plain.tif map.tif; rm map.tif.aux.xml; mv map.tfw map.TFW"},
-           Case{.script = "gdal_translate -q -co TFW=YES -co PROFILE=BASELINE plain.tif map.tif; rm map.tif.aux.xml; mv map.tfw map.wld"},
-           Case{.script = "gdal_translate -q -co PROFILE=BASELINE plain.tif map.tif; test -f map.tif.aux.xml"},
-           Case{.script = "gdal_translate -q -of PNG -ot UInt16 plain.tif map.png; test -f map.png.aux.xml", .file = "map.png"},
-           Case{
-               .script = "gdal_translate -q -of PNG -ot UInt16 -co WORLDFILE=YES plain.tif map.png; rm map.png.aux.xml; mv map.wld map.pgw",
-          .file = "map.png"},
-           Case{.script = "gdal_translate -q -of PNG -ot UInt16 -co WORLDFILE=YES plain.tif map.png; rm map.png.aux.xml",
-           .file = "map.png"},
-           Case{.script = "gdal_translate -q -of AAIGrid plain.tif map.asc; test -f map.prj",
-           .file = "map.asc",
-           .said = "read by GDAL as AAIGrid"},
+           Case{"gdal_translate -q -co TFW=YES -co PROFILE=BASELINE plain.tif map.tif; rm -f map.tif.aux.xml"},
+           Case{"gdal_translate -q -co TFW=YES -co PROFILE=BASELINE plain.tif map.tif; rm map.tif.aux.xml; mv map.tfw map.TFW"},
+           Case{"gdal_translate -q -co TFW=YES -co PROFILE=BASELINE plain.tif map.tif; rm map.tif.aux.xml; mv map.tfw map.wld"},
+           Case{"gdal_translate -q -co PROFILE=BASELINE plain.tif map.tif; test -f map.tif.aux.xml"},
+           Case{"gdal_translate -q -of PNG -ot UInt16 plain.tif map.png; test -f map.png.aux.xml", "map.png"},
+           Case{"gdal_translate -q -of PNG -ot UInt16 -co WORLDFILE=YES plain.tif map.png; rm map.png.aux.xml; mv map.wld map.pgw",
+                "map.png"},
+           Case{"gdal_translate -q -of PNG -ot UInt16 -co WORLDFILE=YES plain.tif map.png; rm map.png.aux.xml", "map.png"},
+           Case{"gdal_translate -q -of AAIGrid plain.tif map.asc; test -f map.prj", "map.asc", "read by GDAL as AAIGrid"},
            Case{.script = "gdal_translate -q -of PNG -ot UInt16 plain.tif map.png; rm map.png.aux.xml",
            .file = "map.png",
            .options = {},
            .isPlaced = false},
-           Case{.script = "cp plain.tif map.tif; gdalinfo -stats map.tif > /dev/null; test -f map.tif.aux.xml"},
-           Case{.script = "gdal_translate -q -co TFW=YES -co PROFILE=BASELINE plain.tif map.tif; rm map.tif.aux.xml; mv map.tfw map.tifw"},
-           Case{.script =
-                    "gdal_translate -q -of PNG -ot UInt16 -co WORLDFILE=YES plain.tif map.png; rm map.png.aux.xml; mv map.wld map.pngw",
-           .file = "map.png"},
-           Case{.script = "gdal_translate -q -of AAIGrid plain.tif map.asc; rm map.prj", .file = "map.asc"},
-           Case{.script = "gdal_translate -q -of AAIGrid plain.tif map.asc; sed -i 's/$/\\r/' map.asc", .file = "map.asc"},
-           Case{.script = "gdal_translate -q -of AAIGrid plain.tif map.asc; rm map.prj; sed -i 's/xllcorner.*/XLLCENTER 680005/; "
-                          "s/yllcorner.*/YLLCENTER 5240005/' map.asc",
-           .file = "map.asc"},
-           Case{.script = "gdal_translate -q -of AAIGrid plain.tif map.asc; sed -i 's/cellsize.*/dx 10\\ndy 10/' map.asc",
-           .file = "map.asc"},
+           Case{"cp plain.tif map.tif; gdalinfo -stats map.tif > /dev/null; test -f map.tif.aux.xml"},
+           Case{"gdal_translate -q -co TFW=YES -co PROFILE=BASELINE plain.tif map.tif; rm map.tif.aux.xml; mv map.tfw map.tifw"},
+           Case{"gdal_translate -q -of PNG -ot UInt16 -co WORLDFILE=YES plain.tif map.png; rm map.png.aux.xml; mv map.wld map.pngw",
+                "map.png"},
+           Case{"gdal_translate -q -of AAIGrid plain.tif map.asc; rm map.prj", "map.asc"},
+           Case{"gdal_translate -q -of AAIGrid plain.tif map.asc; sed -i 's/$/\\r/' map.asc", "map.asc"},
+           Case{"gdal_translate -q -of AAIGrid plain.tif map.asc; rm map.prj; sed -i 's/xllcorner.*/XLLCENTER 680005/; "
+                "s/yllcorner.*/YLLCENTER 5240005/' map.asc",
+                "map.asc"},
+           Case{"gdal_translate -q -of AAIGrid plain.tif map.asc; sed -i 's/cellsize.*/dx 10\\ndy 10/' map.asc", "map.asc"},
        })
     judge(c);
 }
 
 TEST_F(Maps, OtherFormatsAreRead) {
   for (const Case& c : {
-           Case{.script = "cp plain.tif map.geotiff", .file = "map.geotiff"},
-           Case{.script = "gdal_translate -q -of HFA plain.tif map.img", .file = "map.img", .said = "HFA"},
-           Case{.script = "gdal_translate -q -of EHdr plain.tif map.bil", .file = "map.bil"},
-           Case{.script = "gdal_translate -q -of EHdr int.tif map.bil", .file = "map.bil"},
-           Case{.script = "gdal_translate -q -of ENVI plain.tif map.dat", .file = "map.dat"},
-           Case{.script = "gdal_translate -q -of GSBG plain.tif map.grd", .file = "map.grd"},
-           Case{.script = "gdal_translate -q -of RST plain.tif map.rst", .file = "map.rst"},
-           Case{.script = "gdal_translate -q -of netCDF plain.tif map.nc", .file = "map.nc"},
-           Case{.script = "gdal_translate -q -of JP2OpenJPEG -ot UInt16 -co REVERSIBLE=YES -co QUALITY=100 plain.tif map.jp2",
-           .file = "map.jp2"},
+           Case{"cp plain.tif map.geotiff", "map.geotiff"},
+           Case{"gdal_translate -q -of HFA plain.tif map.img", "map.img", "HFA"},
+           Case{"gdal_translate -q -of EHdr plain.tif map.bil", "map.bil"},
+           Case{"gdal_translate -q -of EHdr int.tif map.bil", "map.bil"},
+           Case{"gdal_translate -q -of ENVI plain.tif map.dat", "map.dat"},
+           Case{"gdal_translate -q -of GSBG plain.tif map.grd", "map.grd"},
+           Case{"gdal_translate -q -of RST plain.tif map.rst", "map.rst"},
+           Case{"gdal_translate -q -of netCDF plain.tif map.nc", "map.nc"},
+           Case{"gdal_translate -q -of JP2OpenJPEG -ot UInt16 -co REVERSIBLE=YES -co QUALITY=100 plain.tif map.jp2", "map.jp2"},
            Case{.script = "gdal_translate -q -of PNM -ot UInt16 plain.tif map.pgm", .file = "map.pgm", .options = {}, .isPlaced = false},
-           Case{.script = "gdal_translate -q -of XYZ plain.tif map.xyz", .file = "map.xyz"},
-           Case{.script = "mkdir map; gdal_translate -q -srcwin 0 0 20 30 plain.tif map/a.tif; gdal_translate -q -srcwin 20 0 20 30 "
-                          "plain.tif map/b.tif",
-           .file = "map",
-           .said = "2 files"},
-           Case{.script = "mkdir map; for x in 0 10 20 30; do for y in 0 15; do gdal_translate -q -srcwin $x $y 10 15 -ot Int16 plain.tif "
-                          "map/$x.$y.tif; done; done",
-           .file = "map/",
-           .said = "8 files"},
+           Case{"gdal_translate -q -of XYZ plain.tif map.xyz", "map.xyz"},
+           Case{"mkdir map; gdal_translate -q -srcwin 0 0 20 30 plain.tif map/a.tif; gdal_translate -q -srcwin 20 0 20 30 "
+                "plain.tif map/b.tif",
+                "map", "2 files"},
+           Case{"mkdir map; for x in 0 10 20 30; do for y in 0 15; do gdal_translate -q -srcwin $x $y 10 15 -ot Int16 plain.tif "
+                "map/$x.$y.tif; done; done",
+                "map/", "8 files"},
            Case{.script = "mkdir map; gdal_translate -q -srcwin 0 0 20 30 holes.tif map/a.tif; gdal_translate -q -srcwin 20 0 20 30 "
                           "holes.tif map/b.tif",
            .file = "map",
-           .hasHoles = true,
-           .said = "2 files"},
-           Case{.script = "gdal_translate -q -srcwin 0 0 20 30 plain.tif mapa.tif; gdal_translate -q -srcwin 20 0 20 30 plain.tif "
-                          "mapb.tif; gdalbuildvrt -q map.vrt mapa.tif mapb.tif",
-           .file = "map.vrt"},
-           Case{.script = "gdal_translate -q -co NBITS=12 -ot UInt16 plain.tif map.tif"},
-           Case{.script = "gdal_translate -q -of BT plain.tif map.bt", .file = "map.bt"},
-           Case{.script = "gdal_translate -q -of PCIDSK plain.tif map.pix", .file = "map.pix"},
-           Case{.script = "gdal_translate -q -of ILWIS plain.tif map.mpr", .file = "map.mpr"},
-           Case{.script = "gdal_translate -q -of GPKG -co TILE_FORMAT=TIFF plain.tif map.gpkg", .file = "map.gpkg"},
-           Case{.script = "gdal_translate -q -of GS7BG plain.tif map.grd", .file = "map.grd"},
-           Case{.script = "gdal_translate -q -of GSAG plain.tif map.grd", .file = "map.grd"},
+           .said = "2 files",
+           .hasHoles = true},
+           Case{"gdal_translate -q -srcwin 0 0 20 30 plain.tif mapa.tif; gdal_translate -q -srcwin 20 0 20 30 plain.tif "
+                "mapb.tif; gdalbuildvrt -q map.vrt mapa.tif mapb.tif",
+                "map.vrt"},
+           Case{"gdal_translate -q -co NBITS=12 -ot UInt16 plain.tif map.tif"},
+           Case{"gdal_translate -q -of BT plain.tif map.bt", "map.bt"},
+           Case{"gdal_translate -q -of PCIDSK plain.tif map.pix", "map.pix"},
+           Case{"gdal_translate -q -of ILWIS plain.tif map.mpr", "map.mpr"},
+           Case{"gdal_translate -q -of GPKG -co TILE_FORMAT=TIFF plain.tif map.gpkg", "map.gpkg"},
+           Case{"gdal_translate -q -of GS7BG plain.tif map.grd", "map.grd"},
+           Case{"gdal_translate -q -of GSAG plain.tif map.grd", "map.grd"},
            Case{.script = "gdal_translate -q -of KRO plain.tif map.kro", .file = "map.kro", .options = {}, .isPlaced = false},
-           Case{.script = "gdal_translate -q -of ZMap plain.tif map.zmap", .file = "map.zmap"},
-           Case{.script = "cp plain.tif map.TIFF", .file = "map.TIFF"},
-           Case{.script = "gdalbuildvrt -q -addalpha map.vrt plain.tif", .file = "map.vrt"},
-           Case{.script = "gdalwarp -q -of VRT plain.tif map.vrt", .file = "map.vrt"},
-           Case{.script = "gdal_translate -q -of VRT plain.tif mapin.vrt; gdal_translate -q -of VRT mapin.vrt map.vrt", .file = "map.vrt"},
+           Case{"gdal_translate -q -of ZMap plain.tif map.zmap", "map.zmap"},
+           Case{"cp plain.tif map.TIFF", "map.TIFF"},
+           Case{"gdalbuildvrt -q -addalpha map.vrt plain.tif", "map.vrt"},
+           Case{"gdalwarp -q -of VRT plain.tif map.vrt", "map.vrt"},
+           Case{"gdal_translate -q -of VRT plain.tif mapin.vrt; gdal_translate -q -of VRT mapin.vrt map.vrt", "map.vrt"},
        })
     judge(c);
   EXPECT_THAT(refusal("rm -rf map; mkdir map", "map"), HasSubstr("there is no height map in this folder"));
