@@ -1,7 +1,6 @@
-// Eight members of one session, two of them sensors, over loopback: each sees the others, and their clocks agree. RIDGECAST_MEMBERS_SECONDS makes it longer than a few seconds; MEASURE=1, on a machine that does nothing else, says how soon
-// and how closely.
+// Eight members of one session, two of them sensors, over loopback: each sees the others, and their clocks agree. RIDGECAST_MEMBERS_SECONDS
+// makes it longer than a few seconds; MEASURE=1, on a machine that does nothing else, says how soon and how closely.
 
-#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>
