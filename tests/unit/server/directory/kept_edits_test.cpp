@@ -15,7 +15,6 @@
 #include "server/session/session.h"
 #include "tests/support/crater.h"
 #include "tests/support/process.h"
-#include "tests/support/simulated_timer.h"
 #include "tests/unit/server/member/scripted.h"
 
 namespace ridgecast::session {
@@ -85,40 +84,6 @@ TEST_F(KeptEdits, OneOfThoseWhoComeAtOnceOpensThem) {
   const auto session = server.add("site");
   EXPECT_FALSE(server.directory->reserve("site").value());
   EXPECT_EQ(server.edit(*session).value(), 2u);
-}
-
-TEST_F(KeptEdits, AnotherServerHasNoneOfItsSessions) {
-  Served server(state);
-  const auto session = server.add("site");  // without an edit
-  {
-    Served second(state);
-    EXPECT_FALSE(second.directory->find(kDefaultName));
-    EXPECT_THAT(second.directory->reserve("site").error().message, HasSubstr("in use by another program"));
-  }
-  EXPECT_THAT(edit_log::Lock::take(site).error().message, HasSubstr("in use by another program"));
-  EXPECT_EQ(server.edit(*session).value(), 1u);
-  EXPECT_TRUE(edit_log::Lock::take(state / "free.edits"));
-}
-
-TEST_F(KeptEdits, TheDefaultSessionIsTakenWhenItsServerLetsGoOfIt) {
-  auto first = std::make_unique<Served>(state);
-  ASSERT_EQ(first->edit(*first->directory->find(kDefaultName)).value(), 1u);
-  Served second(state);
-  auto timer = std::make_unique<testing_support::SimulatedTimer>();
-  testing_support::SimulatedTimer& clock = *timer;
-  second.resources->timer = std::move(timer);
-  second.directory->awaitDefault();
-  const auto pass = [&] {
-    for (const auto end = clock.now() + std::chrono::seconds(1); clock.step(end);) second.executor.work();
-    return second.directory->find(kDefaultName);
-  };
-  EXPECT_FALSE(pass());
-  first->directory->find(kDefaultName)->retire();
-  EXPECT_FALSE(pass()) << "its log is open";
-  first->executor.work();
-  const auto taken = pass();
-  ASSERT_TRUE(taken);
-  EXPECT_EQ(second.edit(*taken).value(), 2u);
 }
 
 TEST_F(KeptEdits, ASessionThatHasEndedTakesNoneAndTheNextDoes) {

@@ -3,11 +3,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include <algorithm>
 #include <random>
 #include <thread>
 
-#include "tests/support/waiting.h"
 #include "tests/unit/server/member/session_fixture.h"
 
 namespace ridgecast::session {
@@ -30,9 +28,13 @@ TEST_F(SessionTest, APrivateTerrainKeepsItsTextAndSaysWhichItIs) {
 }
 
 TEST_F(SessionTest, HelloIsAnsweredWithTheWorldAndWhatWasGranted) {
-  start();
+  Limits limits;
+  limits.window = 3;
+  limits.maxBytesPerSecond = 4096;
+  start(limits);
   wire::Hello h = hello();
   h.settings.triangleBudget = 4'000'000'000u;
+  h.settings.bytesPerSecond = 1'000'000;
   camera->receive(h);
   const auto world = client->world();
   ASSERT_TRUE(world);
@@ -40,7 +42,8 @@ TEST_F(SessionTest, HelloIsAnsweredWithTheWorldAndWhatWasGranted) {
   EXPECT_EQ(world->terrainSource, "// flat");
   EXPECT_EQ(world->seed, 5u);
   EXPECT_EQ(world->session, "default");
-  EXPECT_EQ(world->window, replica::kDefaultWindow);
+  EXPECT_EQ(world->window, 3u);
+  EXPECT_EQ(world->settings.bytesPerSecond, 4096u);
   EXPECT_EQ(world->camera, camera->id());
   EXPECT_EQ(world->contentHash, terrain::contentHash(*flatTerrain()));
   EXPECT_NE(world->contentHash, terrain::contentHash(*flatTerrain(6)));
@@ -78,120 +81,6 @@ TEST_F(SessionTest, AfterAnErrorEverythingIsIgnored) {
   EXPECT_EQ(client->sent(), 0u);
 }
 
-TEST_F(SessionTest, AnswersEachNewPoseAndTellsRestOnce) {
-  // Three iterations to come to rest after each pose; the second changes nothing and is not worth a message.
-  auto since = std::make_shared<int>(0);
-  auto last = std::make_shared<double>(0);
-  script->next = [=](int, const camera::Camera& c) {
-    if (c.pose.y != *last) *since = 0;
-    *last = c.pose.y;
-    ++*since;
-    return Script::State{{{kA, static_cast<std::int32_t>(c.pose.y)}, {kB, 0}, {kC, *since >= 3 ? 3 : 1}}, *since >= 4};
-  };
-  start();
-  camera->receive(hello());
-  for (std::uint64_t sequence = 1; sequence <= 3; ++sequence) {
-    camera->receive(pose(sequence, 100.0 + double(sequence)));
-    std::vector<wire::Iteration> got;
-    do {
-      const auto i = client->iteration();
-      ASSERT_TRUE(i);
-      EXPECT_EQ(i->poseSequence, sequence);
-      got.push_back(*i);
-      acknowledge(*i);
-    } while (!got.back().settled);
-    EXPECT_EQ(got.size(), 3u);  // the answer, the change, the news that it is at rest
-    EXPECT_TRUE(got.back().whole.empty());
-    EXPECT_TRUE(client->quiet());
-    const int before = script->iterations;
-    std::this_thread::sleep_for(20ms);
-    EXPECT_EQ(script->iterations, before) << "at rest nothing runs";
-  }
-  // A pose that changes nothing is answered all the same.
-  camera->receive(pose(9, 103));
-  const auto answer = client->iteration();
-  ASSERT_TRUE(answer);
-  EXPECT_EQ(answer->poseSequence, 9u);
-  EXPECT_TRUE(answer->settled);
-  EXPECT_TRUE(client->quiet());
-}
-
-TEST_F(SessionTest, NewestPoseWins) {
-  std::mutex gate;
-  std::vector<double> seen;
-  script->next = [&](int n, const camera::Camera& c) {
-    const std::lock_guard lock(gate);
-    seen.push_back(c.pose.y);
-    return Script::State{{{kA, n}}, true};
-  };
-  start();
-  camera->receive(hello());
-  ASSERT_TRUE(client->world());
-  {
-    const std::lock_guard lock(gate);
-    for (int k = 1; k <= 500; ++k) camera->receive(pose(static_cast<std::uint64_t>(k), k));
-  }
-  std::optional<wire::Iteration> i;
-  do {
-    i = client->iteration();
-    ASSERT_TRUE(i);
-    acknowledge(*i);
-  } while (i->poseSequence != 500);
-  const std::lock_guard lock(gate);
-  EXPECT_LE(seen.size(), 2u);
-  EXPECT_EQ(seen.back(), 500);
-}
-
-TEST_F(SessionTest, UnacknowledgedIterationsAreBounded) {
-  script->next = [](int n, const camera::Camera&) { return Script::State{{{kA, n}, {kB, n % 3}}, false}; };  // never at rest
-  Limits limits;
-  limits.window = 3;
-  start(limits);
-  camera->receive(hello());
-  camera->receive(pose(1));
-  std::vector<wire::Iteration> got;
-  for (int k = 0; k < 3; ++k) got.push_back(client->iteration().value());
-  EXPECT_TRUE(client->quiet());
-  EXPECT_EQ(script->iterations, 3);
-  acknowledge(got[1]);  // stands for two
-  for (int k = 0; k < 2; ++k) got.push_back(client->iteration().value());
-  EXPECT_TRUE(client->quiet());
-  EXPECT_EQ(got.back().number, 5u);
-}
-
-TEST_F(SessionTest, AFullWayOutStopsIterations) {
-  script->next = [](int n, const camera::Camera&) { return Script::State{{{kA, n}}, false}; };
-  start();
-  camera->receive(hello());
-  ASSERT_TRUE(client->world());
-  client->queued = Limits{}.maxQueuedBytes + 1;
-  camera->receive(pose(1));
-  EXPECT_TRUE(client->quiet());
-  EXPECT_EQ(script->iterations, 0);
-  client->queued = 0;  // a large answer has left, of which nobody tells
-  const auto iteration = client->iteration();
-  ASSERT_TRUE(iteration);
-  EXPECT_EQ(iteration->poseSequence, 1u);
-}
-
-TEST_F(SessionTest, LockstepIsOneIterationForEachPoseInOrder) {
-  script->next = [](int n, const camera::Camera&) { return Script::State{{{kA, n / 2}}, false}; };  // not at rest, often unchanged
-  start();
-  camera->receive(hello(wire::Pacing::kLockstep));
-  std::uint64_t posed = 0;
-  for (; posed < conversation::kMaxQueuedPoses; ++posed) camera->receive(pose(posed + 1));
-  for (std::uint64_t k = 1; k <= 100; ++k) {
-    const auto i = client->iteration();
-    ASSERT_TRUE(i) << k;
-    EXPECT_EQ(i->number, k);
-    EXPECT_EQ(i->poseSequence, k);
-    acknowledge(*i);
-    if (posed < 100) camera->receive(pose(++posed));
-  }
-  EXPECT_TRUE(client->quiet());
-  EXPECT_EQ(script->iterations, 100);
-}
-
 TEST_F(SessionTest, LockstepBoundsItsQueue) {
   start();
   camera->receive(hello(wire::Pacing::kLockstep));
@@ -199,24 +88,6 @@ TEST_F(SessionTest, LockstepBoundsItsQueue) {
   const auto error = client->error();
   ASSERT_TRUE(error);
   EXPECT_EQ(error->code, ErrorCode::kLimit);
-}
-
-TEST_F(SessionTest, LostLeavesAreSentAgainEvenAtRest) {
-  script->next = [](int, const camera::Camera&) { return Script::State{{{kA, 1}, {kB, 2}, {kC, 0}}, true}; };
-  start();
-  camera->receive(hello());
-  camera->receive(pose(1));
-  auto i = client->iteration().value();
-  EXPECT_EQ(i.whole.size(), 3u);
-  acknowledge(i);
-  EXPECT_TRUE(client->quiet());
-  camera->receive(wire::ResendLeaves{{kB, {5, 5, 5}}});
-  i = client->iteration().value();
-  ASSERT_EQ(i.whole.size(), 1u);
-  EXPECT_EQ(i.whole[0].address, kB);
-  camera->receive(wire::Acknowledge{i.number, i.meshHash + 1});  // another hash: everything
-  EXPECT_EQ(client->iteration().value().whole.size(), 3u);
-  EXPECT_TRUE(client->quiet());
 }
 
 TEST_F(SessionTest, AClientThatNeverAgreesIsSentAway) {
@@ -232,8 +103,6 @@ TEST_F(SessionTest, AClientThatNeverAgreesIsSentAway) {
   ASSERT_TRUE(error);
   EXPECT_EQ(error->code, ErrorCode::kInvalid);
 }
-
-// ---- a budget of bytes ----
 
 // Everything at once, from several threads: nothing but the laws that the client checks by itself.
 TEST_F(SessionTest, StressOfMessagesFromSeveralThreads) {

@@ -14,27 +14,6 @@ using namespace std::chrono_literals;
 using testing::HasSubstr;
 using wire::ErrorCode;
 
-TEST_F(SessionTest, ClosingFreesTheMeshAndThePlace) {
-  script->next = [](int n, const camera::Camera&) {
-    std::this_thread::sleep_for(5ms);
-    return Script::State{{{kA, n}}, false};
-  };
-  start();
-  camera->receive(hello());
-  camera->receive(pose(1));
-  ASSERT_TRUE(client->iteration());
-  EXPECT_EQ(directory->cameras(), 1u);
-  camera->close();
-  camera->close();
-  camera.reset();
-  EXPECT_TRUE(testing_support::await([&] { return script->alive == 0 && directory->cameras() == 0; }));
-  EXPECT_EQ(script->alive, 0);
-  EXPECT_EQ(directory->cameras(), 0u);
-  const std::size_t sent = client->sent();
-  std::this_thread::sleep_for(20ms);
-  EXPECT_EQ(client->sent(), sent);
-}
-
 TEST_F(SessionTest, AFailureInsideIsTold) {
   script->next = [](int n, const camera::Camera&) -> Script::State {
     if (n > 1) throw std::runtime_error("out of luck");

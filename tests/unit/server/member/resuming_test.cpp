@@ -1,76 +1,13 @@
-// What a budget of bytes puts off, and what a client that resumes is sent.
-#include <gmock/gmock.h>
+// What a client that resumes is sent.
 #include <gtest/gtest.h>
 
 #include "common/codec/codec.h"
-#include "tests/support/waiting.h"
 #include "tests/unit/server/member/session_fixture.h"
 
 namespace ridgecast::session {
 namespace {
 
-using namespace std::chrono_literals;
 using wire::ErrorCode;
-
-TEST_F(SessionTest, ABudgetOfBytesSpacesIterations) {
-  script->next = [](int n, const camera::Camera&) { return Script::State{{{kA, n}, {kB, n}, {kC, n}}, false}; };  // never at rest
-  Limits limits;
-  limits.maxBytesPerSecond = 4096;
-  start(limits);
-  wire::Hello h = hello();
-  h.settings.bytesPerSecond = 1'000'000;
-  camera->receive(h);
-  EXPECT_EQ(client->world().value().settings.bytesPerSecond, 4096u);
-  camera->receive(pose(1));
-  const auto began = std::chrono::steady_clock::now();
-  int count = 0;
-  while (std::chrono::steady_clock::now() - began < 700ms || count < 4) {
-    const auto i = client->iteration();
-    ASSERT_TRUE(i);
-    acknowledge(*i);
-    ++count;
-  }
-  // About 300 bytes each are paid for; without a budget there would be thousands.
-  EXPECT_LE(count, 5 + 30 * std::chrono::duration<double>(std::chrono::steady_clock::now() - began).count());
-  EXPECT_GE(script->insertionLimit, 32u);
-  EXPECT_LT(script->insertionLimit, 300u);
-}
-
-TEST_F(SessionTest, ABudgetDoesNotLoseTheNewestPose) {
-  script->next = [](int n, const camera::Camera&) { return Script::State{{{kA, n}}, true}; };
-  Limits limits;
-  limits.maxBytesPerSecond = 4096;
-  start(limits);
-  camera->receive(hello());
-  ASSERT_TRUE(client->world());
-  for (std::uint64_t k = 1; k <= 400; ++k) {
-    camera->receive(pose(k, double(k)));
-    std::this_thread::sleep_for(500us);
-  }
-  std::optional<wire::Iteration> i;
-  do {
-    i = client->iteration();
-    ASSERT_TRUE(i);
-    acknowledge(*i);
-  } while (i->poseSequence != 400);
-}
-
-// ---- resuming ----
-
-TEST_F(SessionTest, OnlyWhatDiffersIsSentToAClientThatResumes) {
-  script->next = [](int, const camera::Camera&) { return Script::State{{{kA, 1}, {kB, 2}, {kC, 0}}, true}; };
-  start();
-  for (const auto& leaf : {contentOf(kA, 1), contentOf(kB, 9), contentOf({0, 5, 5}, 7)}) client->hold(leaf);
-  camera->receive(hello());
-  camera->receive(client->held());
-  camera->receive(pose(1));
-  std::optional<wire::Iteration> i = client->iteration();
-  ASSERT_TRUE(i);
-  ASSERT_EQ(i->whole.size(), 2u);
-  EXPECT_EQ(i->whole[0].address, kB);
-  EXPECT_EQ(i->whole[1].address, kC);
-  EXPECT_EQ(i->gone, (std::vector<lattice::LeafAddress>{{0, 5, 5}}));
-}
 
 // The mesh begins anew on the server, coarse: what is held is not taken away to be sent again, detail by detail.
 TEST_F(SessionTest, AClientThatResumesKeepsItsDetailUntilTheMeshIsAsGood) {

@@ -2,7 +2,6 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include <future>
 #include <memory>
 #include <new>
 #include <optional>
@@ -143,31 +142,6 @@ TEST(EditWrites, AFailedOneTakesAllOfItBack) {
   const auto next = steps.ask(craterAt(0), "b0");
   steps.work();
   EXPECT_EQ((*next)->value(), 2u) << "without a gap";
-}
-
-TEST(EditWrites, NobodyElseWaitsForTheDisk) {
-  scheduling::Executor executor(1), writer(1);
-  auto disk = std::make_shared<Disk>();
-  std::promise<void> writes, goOn;
-  disk->write = [&, wait = goOn.get_future().share()] {
-    writes.set_value();
-    wait.wait();
-    return Outcome<void>();
-  };
-  Edits::Kept kept;
-  kept.makeStore = [disk](std::string_view) -> Outcome<std::unique_ptr<edit_store::Store>> {
-    return std::unique_ptr<edit_store::Store>(new MemoryStore(disk));
-  };
-  const auto edits = std::make_shared<Edits>(
-      flatTerrain(), executor, writer, std::make_shared<EditSpace>(), [] {}, std::move(kept));
-  std::promise<std::uint64_t> made, other;
-  edits->ask({"k", "ann", craterAt(0)}, [&](const Edits::Answer& answer, std::uint64_t) { made.set_value(answer.value()); });
-  writes.get_future().wait();
-  const auto camera = executor.makePool(1);
-  camera->post([&] { other.set_value(edits->ground().edit); });
-  EXPECT_EQ(other.get_future().get(), 0u);  // the executor's only thread
-  goOn.set_value();
-  EXPECT_EQ(made.get_future().get(), 1u);
 }
 
 // Runs out of memory when its heights are wanted, as level ground does.

@@ -95,48 +95,6 @@ TEST(Edits, WhatWaitsIsBounded) {
   EXPECT_EQ(rig.edits->ground().edit, Edits::kMaxWaiting);
 }
 
-TEST(Edits, ACamerasMeshFollowsAndSaysSo) {
-  scheduling::Executor executor(2);
-  auto script = std::make_shared<Script>();
-  script->next = [](int, const camera::Camera&) { return Script::State{{{{0, 0, 0}, 1}}, true}; };
-  auto resources = std::make_shared<Resources>();
-  resources->executor = &executor;
-  resources->makeMesh = scriptedMeshes(script);
-  const auto directory = std::make_shared<Directory>(resources, flatTerrain());
-  const auto session = directory->find("default");
-  for (const wire::Pacing pacing : {wire::Pacing::kFree, wire::Pacing::kLockstep}) {
-    const bool free = pacing == wire::Pacing::kFree;
-    const std::uint64_t before = session->ground().edit;
-    auto client = std::make_shared<Client>();
-    auto camera = std::make_shared<CameraSession>(session, session->enter().value(), directory->nextCameraId(), client);
-    wire::Hello hello;
-    hello.pacing = pacing;
-    camera->receive(hello);
-    ASSERT_TRUE(client->world());
-    EXPECT_EQ(client->world()->edit, before);
-    camera->receive(wire::PoseMessage{1, {}});
-    const auto first = client->iteration();
-    ASSERT_TRUE(first);
-    EXPECT_EQ(first->edit, before);
-    camera->receive(wire::Acknowledge{first->number, first->meshHash});
-    ASSERT_TRUE(client->quiet());
-    std::promise<void> made;
-    session->edits().ask({"", "bob", craterAt(0)}, [&](const Outcome<std::uint64_t>&, std::uint64_t) { made.set_value(); });
-    made.get_future().wait();
-    if (!free) {  // nothing comes by itself, for a pose has exactly one
-      EXPECT_TRUE(client->quiet());
-      camera->receive(wire::PoseMessage{2, {}});
-    }
-    const auto next = client->iteration();
-    ASSERT_TRUE(next);
-    EXPECT_EQ(next->edit, before + 1);
-    ASSERT_FALSE(script->grounds.empty());
-    EXPECT_TRUE(script->grounds.back().changed.at(0).holds({0, 0}));
-    EXPECT_NE(script->grounds.back().terrain, nullptr);
-    camera->close();
-  }
-}
-
 TEST(Edits, OfOnlySoManySessionsAreKept) {
   const testing_support::ScratchFolder folder;
   for (std::size_t k = 1; k < directory::kMaxKept; ++k) std::ofstream(folder / ("s" + std::to_string(k) + ".edits"));
