@@ -213,28 +213,6 @@ vec3 terrainColor(ivec2 cell, vec2 fraction, float height, vec3 normal, float fo
   EXPECT_EQ(alone->picture.rgb, both->picture.rgb);
 }
 
-TEST_F(DrawingTest, TheRayMarchIsConverged) {
-  const auto terrain = terrain::create("alpine", 1);
-  ASSERT_TRUE(terrain);
-  Renderer r = renderer(std::string((*terrain)->source()));
-  for (const auto& [x, z, above, pitch] :
-       {std::array<double, 4>{2000, 1500, 250, -0.2}, {1e8, -1e8, 40, -0.05}, {300, -2500, 1500, -0.5}}) {
-    View view = viewFrom(x, 0, z, 0.4, pitch, 192, 108);
-    const lattice::Point at{view.camera.pose.x, view.camera.pose.z};
-    view.camera.pose.y = (*terrain)->height(at) + above;
-    const HeightBounds bounds = boundsAround(**terrain, at, view.horizon);
-    view.lowest = bounds.lowest;
-    view.highest = bounds.highest;
-    const auto normal = r.drawMarch(view), finer = r.drawMarch(view, 1, 4);
-    ASSERT_TRUE(normal && finer);
-    const auto similar = evaluation::similarity(normal->picture, finer->picture);
-    EXPECT_GE(similar.mean, 0.99);
-    ASSERT_TRUE(similar.terrain);
-    EXPECT_GE(*similar.terrain, 0.99);
-    EXPECT_GT(similar.terrainShare, 0.3);
-  }
-}
-
 // Behind the valley stands a wall of 85 degrees whose upper edge long steps pass over: sky then shows through the mountain.
 TEST_F(DrawingTest, TheRayMarchDoesNotStepOverCliffs) {
   const auto terrain = terrain::create("alpine", 1);
