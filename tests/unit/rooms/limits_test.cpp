@@ -53,7 +53,7 @@ const std::map<std::string, std::vector<std::string>> kTests{
     {"tilesets: ", {"RefusesTheRestInPlainWords"}},
     {"`snapshot --tiles`", {"TooManyNameTheErrorThatFits"}},
     {"a token in the URL", {"ATokenInTheUrlOfATilesetExpiresSoon"}},
-    {"iterations of more than 10 ms", {"LongTasksLeaveAThreadToShortOnes"}},
+    {"iterations of more than 10 ms", {"ShortTasksDoNotWaitForLongOnes"}},
     {"grounds: ", {"FewerAreInWorkThanThereAreThreads", "AQuestionHasOneDeadline"}},
 };
 
