@@ -361,14 +361,14 @@ Run snapshotCommand(CLI::App& command) {
   const auto pose = [&](const char* name, double& value, const char* help) {
     command.add_option(name, value, help)->excludes(camera)->excludes(box)->check(any)->capture_default_str();
   };
-  pose("--x", shot->x, "place of a pose, metres");
-  pose("--z", shot->z, "place of a pose, metres");
-  pose("--altitude", shot->altitude, "metres above the ground there");
-  pose("--yaw", shot->yaw, "degrees, positive to the left");
-  pose("--pitch", shot->pitch, "degrees, positive upwards");
-  pose("--fov", shot->fov, "vertical field of view, degrees");
-  pose("--threshold", shot->threshold, "error above which to refine, pixels");
-  command.add_option("--colour-error", shot->colourError, kColourHelp)->excludes(camera)->excludes(box)->check(within(0.0, 1.0));
+  pose("--x", shot->pose.x, "place of a pose, metres");
+  pose("--z", shot->pose.z, "place of a pose, metres");
+  pose("--altitude", shot->pose.altitude, "metres above the ground there");
+  pose("--yaw", shot->pose.yaw, "degrees, positive to the left");
+  pose("--pitch", shot->pose.pitch, "degrees, positive upwards");
+  pose("--fov", shot->pose.fov, "vertical field of view, degrees");
+  pose("--threshold", shot->pose.threshold, "error above which to refine, pixels");
+  command.add_option("--colour-error", shot->pose.colourError, kColourHelp)->excludes(camera)->excludes(box)->check(within(0.0, 1.0));
   command.add_option("--size", shared->size, "picture that the pose is refined for, WIDTHxHEIGHT")
       ->excludes(camera)
       ->excludes(box)

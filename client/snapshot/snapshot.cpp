@@ -82,16 +82,16 @@ std::string query(const SnapshotOptions& o) {
     if (o.out.extension() != ".tif" && o.tiles.extension() != ".pmtiles") add("error", number(o.error));
     if (o.spacing > 0) add("spacing", number(o.spacing));
   } else {
-    add("x", number(o.x));
-    add("z", number(o.z));
-    add("altitude", number(o.altitude));
-    add("yaw", number(o.yaw));
-    add("pitch", number(o.pitch));
-    add("fov", number(o.fov));
+    add("x", number(o.pose.x));
+    add("z", number(o.pose.z));
+    add("altitude", number(o.pose.altitude));
+    add("yaw", number(o.pose.yaw));
+    add("pitch", number(o.pose.pitch));
+    add("fov", number(o.pose.fov));
     add("width", std::to_string(o.width));
     add("height", std::to_string(o.height));
-    add("threshold", number(o.threshold));
-    if (o.colourError > 0) add("colour_error", number(o.colourError));
+    add("threshold", number(o.pose.threshold));
+    if (o.pose.colourError > 0) add("colour_error", number(o.pose.colourError));
   }
   if (o.draco) add("compression", "draco");
   if (!o.normals) add("normals", "0");

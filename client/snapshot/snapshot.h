@@ -24,6 +24,13 @@ struct Offline {
   std::filesystem::path program;         // empty: ridgecast-server beside this one
 };
 
+// What a mesh is refined for.
+struct Pose {
+  double x = 0, z = 0, altitude = 120, yaw = 0, pitch = -10, fov = 60;  // metres, degrees
+  double threshold = 0.6;                                               // pixels
+  double colourError = 0;                                               // as of settings::Settings
+};
+
 struct SnapshotOptions {
   core::Url url;
   std::optional<Offline> offline;
@@ -37,10 +44,8 @@ struct SnapshotOptions {
   std::string box, crs;                 // ...as of server/snapshot/question.h; empty box: the pose; empty crs: metres of the world
   double error = 1;                     // metres, of a box
   double spacing = 0;                   // metres, of a .tif; 0: the height map's own
-  double x = 0, z = 0, altitude = 120, yaw = 0, pitch = -10, fov = 60;  // metres, degrees
-  std::uint32_t width = 1280, height = 720;                             // pixels
-  double threshold = 0.6;                                               // pixels
-  double colourError = 0;                                               // as of settings::Settings
+  Pose pose;
+  std::uint32_t width = 1280, height = 720;  // pixels, of a pose
   bool draco = false, normals = true, colours = true, metadata = false;
   std::string origin = "cell";  // as of server/snapshot/question.h
   std::string up = "y";         // z: of a .ply or .obj

@@ -61,9 +61,8 @@ Result<void> World::connected(Instant until) {
     if (connection.otherWorld()) return Failure{Fault::kLost, "the server came back with another world: join again"};
     if (Clock::now() >= until || !connection.comesBack())
       return Failure{Fault::kLost, "the connection is lost: " + connection.error().value_or(*why).message};
-    connection.wait(left(until), [](const core::Reconnector& r) {
-      return r.conversation().hasIterations() || r.hasReturned() || !r.comesBack();
-    });
+    connection.wait(left(until),
+                    [](const core::Reconnector& r) { return r.conversation().hasIterations() || r.hasReturned() || !r.comesBack(); });
   }
   return {};
 }

@@ -1,5 +1,5 @@
 #pragma once
-// A user's editing, in window and page: the brush and its radius, the corners of a road, unanswered edits (a program's among them), and what
+// A user's editing, in window and page: the brush and its radius, the corners of a road, unanswered edits (also a program's), and what
 // may be undone. An unanswered edit is resent over the next connection; its key ensures that it is made once. Values only. Bounds:
 // kMaxCorners corners, kMaxOpen unanswered edits of the user, kMaxWaiting with a program's, kMaxUndone to undo.
 
