@@ -7,6 +7,7 @@
 #include <utility>
 #include <vector>
 
+#include "common/outcome/contract.h"
 #include "common/terrain/raster.h"
 #include "common/text/text.h"
 #include "server/map/mercator.h"
@@ -51,6 +52,7 @@ std::string metadataOf(const session::Session& session, const session::Ground& g
 
 Result<std::uint64_t> makeArchive(const session::Session& session, const OfMapTiles& of, unsigned threads,
                                   const std::filesystem::path& file, std::stop_token stop, TilesProgress* progress) {
+  expects(threads > 0, "an archive is made by one thread or more");
   const session::Ground ground = session.ground();
   const terrain::Raster* const map = ground.terrain->raster();
   const auto bounds = map::boundsOf(of.part, map, of.at);

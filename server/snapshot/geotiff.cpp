@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "common/edits/edited_terrain.h"
+#include "common/outcome/contract.h"
 #include "common/raster/gdal.h"
 #include "common/terrain/raster.h"
 #include "common/text/file.h"
@@ -90,6 +91,8 @@ bool writeSamples(const terrain::Terrain& terrain, const OfGrid& grid, const std
 
 Result<std::string> writeGeoTiff(const terrain::Terrain& terrain, const OfGrid& grid, bool tellsPlace, const std::string& description,
                                  scheduling::Pool& pool, const box::Watch& watch, Progress* progress) {
+  expects(grid.sheet.pixels() > 0 && grid.sheet.nodes.empty(), "a grid has samples in straight rows");
+  expects(!grid.first || terrain.raster(), "samples of a height map are in one");
   auto gdal = raster::Gdal::find("GDAL's programs write GeoTIFFs", watch.stop);
   if (!gdal) return Problem{Problem::Kind::kFailed, gdal.error().message + "."};
   if (!writeSamples(terrain, grid, gdal->file("heights.f32"), pool, watch, progress)) return noRoom();

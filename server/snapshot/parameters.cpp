@@ -2,6 +2,7 @@
 
 #include <utility>
 
+#include "common/outcome/contract.h"
 #include "common/text/text.h"
 
 namespace ridgecast::snapshot {
@@ -45,6 +46,7 @@ std::optional<std::string> Parameters::take(const std::string& name) {
 }
 
 double Parameters::number(const char* name, double low, double high, const char* unit, std::optional<double> otherwise) {
+  expects(low <= high, "a range has a number in it");
   const auto value = take(name);
   if (!value) {
     if (!otherwise) refuse("The query lacks " + inQuotes(name) + ", a number from " + text(low) + " to " + text(high) + unit + ".");
@@ -57,6 +59,7 @@ double Parameters::number(const char* name, double low, double high, const char*
 
 std::uint64_t Parameters::whole(const char* name, std::uint64_t low, std::uint64_t high, const char* unit,
                                 std::optional<std::uint64_t> otherwise) {
+  expects(low <= high, "a range has a number in it");
   const auto value = take(name);
   if (!value && otherwise) return *otherwise;
   if (const auto v = text::number<std::uint64_t>(value.value_or("")); v && *v >= low && *v <= high) return *v;

@@ -10,6 +10,8 @@
 #include <limits>
 #include <vector>
 
+#include "common/outcome/contract.h"
+
 namespace ridgecast::snapshot {
 namespace {
 
@@ -36,7 +38,10 @@ Outcome<Welded> weld(const gltf::Document& document) {
   const lattice::Point origin = gltf::originOf(document);
   std::vector<Vertex> all;
   for (std::uint32_t l = 0; l < document.leaves.size(); ++l) {
-    const mesh::LeafMesh& mesh = *document.leaves[l].mesh;
+    const auto& [leaf, normals, colours, name] = document.leaves[l];
+    const mesh::LeafMesh& mesh = *leaf;
+    for (const std::size_t count : {normals.size(), colours.size()})
+      expects(count == 0 || count == mesh.vertices.size(), "each vertex has its normal and colour, or none has");
     out.triangles += mesh.triangles.size();
     out.normals = out.normals || !document.leaves[l].normals.empty();
     out.colours = out.colours || !document.leaves[l].colours.empty();

@@ -13,6 +13,7 @@
 #include <thread>
 #include <utility>
 
+#include "common/outcome/contract.h"
 #include "common/settings/settings.h"
 #include "common/terrain/raster.h"
 #include "common/text/text.h"
@@ -181,6 +182,7 @@ std::vector<OfBox> partsOf(const terrain::Raster& map, const OfBox& box, int par
   const int bits = std::ilogb(map.shape().finest()) + partBits;
   const auto width = static_cast<double>(box.high.x - box.low.x), depth = static_cast<double>(box.high.z - box.low.z);
   if (width * depth <= std::ldexp(1.0, 2 * bits)) return {box};
+  expects(bits >= 0 && bits < 62, "a part of a map has a side");
   std::vector<OfBox> parts;
   const lattice::Step side = lattice::Step{1} << bits;
   for (lattice::Step z = lattice::floorTo(box.low.z, bits); z < box.high.z; z += side)
@@ -199,6 +201,7 @@ Result<box::BoxMesh> meshParts(const terrain::Terrain& terrain, const OfBox& of,
   all.proven = true;
   if (progress) progress->parts = static_cast<std::uint32_t>(parts.size());
   for (const OfBox& part : parts) {
+    expects(all.triangles <= limits.triangles, "the parts of a map share its limit of triangles");
     auto made = meshBox(terrain, part, limits.triangles - all.triangles, pool, watch);
     if (!made) return made.error();
     std::ranges::move(made->leaves, std::back_inserter(all.leaves));
@@ -279,6 +282,7 @@ gltf::Texture paint(const terrain::Terrain& terrain, const Made& made, std::uint
   const auto count = [&](double side) {
     return std::max(1u, static_cast<std::uint32_t>(std::ceil(pixels * side / std::max(width, depth))));
   };
+  expects(width > 0 && depth > 0 && pixels > 0, "a texture lies on a box");
   map::Sheet sheet{.columns = count(width), .rows = count(depth)};
   sheet.pitchX = width / sheet.columns;
   sheet.pitchZ = depth / sheet.rows;
@@ -349,6 +353,8 @@ Snapshots::Snapshots(const Limits& limits, unsigned threads, const scheduling::E
 
 Result<Snapshot> Snapshots::take(const session::Session& session, session::Ground ground, const Question& question, bool metadataOnly,
                                  std::stop_token stop, Progress* progress) {
+  expects(question.format < Format::kTiles && !std::holds_alternative<OfMapTiles>(question.of), "a snapshot is one file");
+  expects(std::holds_alternative<OfGrid>(question.of) == (question.format == Format::kTiff), "a GeoTIFF is of a grid, and no other file");
   const auto start = std::chrono::steady_clock::now();
   const Watch watch{stop,
                     start + std::chrono::duration_cast<std::chrono::steady_clock::duration>(std::chrono::duration<double>(limits_.seconds)),

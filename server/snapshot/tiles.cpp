@@ -10,6 +10,7 @@
 #include <utility>
 #include <vector>
 
+#include "common/outcome/contract.h"
 #include "common/text/text.h"
 #include "server/snapshot/description.h"
 #include "server/tileset/tile.h"
@@ -43,6 +44,7 @@ struct Squares {
 struct Levels {
   int finest = 0, coarsest = 0;
   Levels(const box::Box& box, const terrain::Raster* map, bool isOnGlobe) {
+    expects(box.low.x < box.high.x && box.low.z < box.high.z && box.error > 0, "a box of tiles has ground and an error");
     const Step posts = map ? static_cast<Step>(std::ceil(kMinPosts * map->shape().finest())) : 0;
     while (finest < tileset::kCoarsest && tileset::errorOf(finest) < box.error) ++finest;
     while (finest < tileset::kCoarsest && LeafAddress{finest, 0, 0}.side() < posts &&
@@ -63,6 +65,7 @@ Problem tooMany(const box::Box& box, const terrain::Raster* map, bool isOnGlobe,
   std::uint64_t fewer = tiles;
   while (fewer > kMaxTiles) {
     coarser.error *= 2;
+    expects(std::isfinite(coarser.error), "at some error a box has few enough tiles");
     fewer = Levels(coarser, map, isOnGlobe).tiles(coarser);
   }
   return {Problem::Kind::kTooMuch, "This box at an error of " + text::rounded(box.error, 6) + " m takes " + std::to_string(tiles) +
@@ -122,6 +125,7 @@ class Making {
     auto made = snapshots_.take(session_, ground_, question, false, stop);
     if (!made) return fail(made.error());
     if (!put(nameOf(square, ".glb"), made->file)) return;
+    expects(made->tile.has_value(), "a tile's snapshot says what the tile holds");
     const std::lock_guard lock(mutex_);
     known_.emplace(square, *made->tile);
   }
