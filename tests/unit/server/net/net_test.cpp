@@ -121,6 +121,18 @@ TEST_F(NetTest, RefusesWhatIsNoHttp) {
   }
 }
 
+// What is known of a request ends with it.
+TEST_F(NetTest, ARefusalIsNotCountedForTheRequestBefore) {
+  SocketClient client(server->port());
+  client.send("GET /healthz HTTP/1.1\r\nHost: localhost\r\n\r\n");
+  EXPECT_THAT(client.answer(), HasSubstr("ok"));
+  client.send("this is not HTTP\r\n\r\n");
+  EXPECT_THAT(client.answer(), StartsWith("HTTP/1.1 400"));
+  std::string metrics;
+  EXPECT_TRUE(testing_support::await([&] { return (metrics = get("/metrics")).find("status=\"400\"} 1") != std::string::npos; }));
+  EXPECT_THAT(metrics, HasSubstr("{route=\"other\",status=\"400\"} 1"));
+}
+
 TEST_F(NetTest, AStreamFromHelloToAtRest) {
   SocketClient client(server->port());
   ASSERT_TRUE(client.upgrade());
