@@ -12,6 +12,7 @@
 #include "common/edits/author.h"
 #include "common/edits/json.h"
 #include "common/edits/packed.h"
+#include "common/outcome/contract.h"
 #include "common/text/text.h"
 #include "common/wire/wire.h"
 #include "server/earth/earth.h"
@@ -29,6 +30,7 @@ class Said {
   void set(std::function<Answer()> answer) {
     {
       const std::lock_guard lock(mutex_);
+      expects(answer && !std::exchange(isSaid_, true), "a task says one thing");
       answer_ = std::move(answer);
     }
     wake_();
@@ -42,6 +44,7 @@ class Said {
   const std::function<void()> wake_;
   std::mutex mutex_;
   std::function<Answer()> answer_;
+  bool isSaid_ = false;
 };
 
 // Asks when the answer has its place, so that whoever is told that there is none has asked for nothing. No thread waits.

@@ -19,6 +19,7 @@ Jobs::Jobs(const Limits& limits) : limits_(limits), running_(std::max(1u, limits
 Jobs::~Jobs() { stop(); }
 
 bool Jobs::post(std::stop_source stop, std::function<std::optional<RetryAt>(std::stop_token)> run, std::string client) {
+  expects(run && stop.stop_possible(), "a job can be run and stopped");
   std::vector<Job> dropped;  // destroyed after unlocking
   {
     const std::lock_guard lock(mutex_);
@@ -96,7 +97,10 @@ void Jobs::stop() {
     for (Job& job : running_) job.stop.request_stop();
   }
   changed_.notify_all();
-  for (std::thread& thread : threads) thread.join();
+  for (std::thread& thread : threads) {
+    expects(thread.get_id() != std::this_thread::get_id(), "no job ends its own queue");
+    thread.join();
+  }
 }
 
 Jobs::Job Jobs::next(std::unique_lock<std::mutex>& lock) {

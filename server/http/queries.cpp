@@ -8,6 +8,7 @@
 #include <string>
 #include <utility>
 
+#include "common/outcome/contract.h"
 #include "common/text/text.h"
 #include "common/wire/wire.h"
 #include "server/earth/earth.h"
@@ -49,6 +50,7 @@ class QueryTask {
   }
 
   Reply turn(const std::stop_token& stop) {
+    expects(body_ || answering_, "a query's turn comes when it was asked, and not after its answer");
     if (wrong_) return refused(400, metrics::Refusal::kRequest, wrong_->message);
     for (const auto until = Clock::now() + kTurn; Clock::now() < until && !stop.stop_requested();) {
       if (!answering_) {

@@ -3,6 +3,7 @@
 #include <optional>
 #include <utility>
 
+#include "common/outcome/contract.h"
 #include "common/wire/wire.h"
 #include "server/access/crypto.h"
 #include "server/http/any_origin.h"
@@ -74,6 +75,7 @@ Reply fileOf(const Maker& maker, std::shared_ptr<session::Session> session, sess
 Route sessionFileRoute(
     std::shared_ptr<directory::Directory> directory, bool (*isThere)(std::string_view file),
     std::function<Reply(const Request& request, std::shared_ptr<session::Session> session, std::string_view file)> answer) {
+  expects(directory && isThere && answer, "a route has sessions, files and answers");
   return [directory = std::move(directory), isThere, answer = std::move(answer)](const Request& request) -> std::optional<Reply> {
     std::string_view path = request.path();
     if (!path.starts_with(kFilesPrefix)) return std::nullopt;

@@ -209,6 +209,7 @@ class Exchange {
   }
 
   asio::awaitable<std::optional<Reply>> read(BodyHandler handler) {
+    expects(handler.answer && !room_, "a body is read once, for an answer");
     const std::uint64_t length = parser_.content_length().value_or(parser_.chunked() ? handler.maxBytes : 0);
     if (length > handler.maxBytes) co_return refused(413, metrics::Refusal::kRequest, handler.tooLong);
     room_ = std::make_shared<RequestBodyBudget::Room>(shared_.bodies, who_);
@@ -253,12 +254,14 @@ class Exchange {
     keepAlive_ = false;
     if (c_.buffer.size() > 0)
       return refused(400, metrics::Refusal::kRequest, "Something follows the request before the upgrade is answered.");
+    expects(session != nullptr, "a stream is in a session");
     startStream(std::move(c_.stream), std::move(c_.slot), c_.shared, std::move(session), c_.peerName, std::move(grant_), parser_.release());
     return {};
   }
 
   // Does the work for a reply, and watches meanwhile whether the client is still there.
   asio::awaitable<std::optional<Reply>> work(DeferredResponse later) {
+    expects(static_cast<bool>(later.work), "what is deferred can be done");
     Work& queue = shared_.work(later.queue);
     const bool isLarge = later.queue == Queue::kPatient || later.queue == Queue::kTiles;
     if (isLarge && shared_.unsent->bytes() > shared_.settings.maxAnswerBytes) co_return busy(queue.jobs);
@@ -356,6 +359,7 @@ class Exchange {
 
   // Writes a piece at a time. Closes if the client takes a piece too late, or all of them too slowly.
   asio::awaitable<End> send(Answer a) {
+    expects(a.status >= 200 && a.status <= 599, "an answer has a final status of HTTP");
     if (a.refusal) logRefusal(a);
     beast::http::response<beast::http::string_body> response = responseOf(std::move(a));
     beast::http::response_serializer<beast::http::string_body> serializer(response);

@@ -4,6 +4,7 @@
 #include <boost/asio/strand.hpp>
 #include <utility>
 
+#include "common/outcome/contract.h"
 #include "server/logging/logging.h"
 #include "server/net/server_context.h"
 
@@ -42,6 +43,7 @@ std::optional<Error> Listener::open(const tcp::endpoint& endpoint) {
 }
 
 void Listener::start(Take take) {
+  expects(take && acceptor_.is_open() && !take_, "a port is open before it accepts connections, for one server");
   take_ = std::move(take);
   asio::post(acceptor_.get_executor(), [this] { accept(); });
 }

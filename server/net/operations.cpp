@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "common/outcome/contract.h"
 #include "common/text/text.h"
 #include "common/version/version.h"
 #include "common/wire/wire.h"
@@ -56,6 +57,7 @@ double saturation(ServerContext& s) {
 }  // namespace
 
 void addOperations(const std::shared_ptr<ServerContext>& shared) {
+  expects(shared->connections->served == 0, "routes are complete before the first connection");
   // Weak: the metrics may be shared and outlive this server.
   const auto of = [weak = std::weak_ptr(shared)](double (*value)(ServerContext&)) {
     return [weak, value]() -> double {

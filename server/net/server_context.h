@@ -50,7 +50,7 @@ class OpenStreams {
  public:
   void add(const std::shared_ptr<OpenStream>& stream) {
     const std::lock_guard lock(mutex_);
-    streams_.emplace(stream.get(), stream);
+    expects(streams_.emplace(stream.get(), stream).second, "a stream is opened once");
   }
   void remove(const OpenStream* stream) {
     const std::lock_guard lock(mutex_);
@@ -170,6 +170,7 @@ class ConnectionSlot {
   Kind kind() const { return kind_; }
   // Whose connection it is, for kServed: the token's holder or, without a token, the household of the address.
   std::string client(const access::Grant& grant) const {
+    expects(!grant.name.empty() || place_, "a client without a token is known by its address");
     return grant.name.empty() ? "address " + access::toText(place_->who()) : "token of " + grant.name;
   }
   // Counts the connection for this client from now on. False: the client has too many.

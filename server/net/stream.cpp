@@ -10,6 +10,7 @@
 #include <optional>
 #include <utility>
 
+#include "common/outcome/contract.h"
 #include "common/wire/wire.h"
 #include "server/access/limits.h"
 #include "server/conversation/rate.h"
@@ -164,6 +165,7 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
   }
 
   void read() {
+    expects(buffer_.size() <= shared_->settings.maxMessageBytes, "what exceeds the limit ends the stream");
     const std::size_t room = shared_->settings.maxMessageBytes + 1 - buffer_.size();
     ws_.async_read_some(buffer_, room, [self = shared_from_this()](error_code ec, std::size_t) { self->hasRead(ec); });
   }
@@ -242,9 +244,11 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
   }
 
   void write() {
+    expects(!writing_ && !out_.empty(), "one message is written at a time");
     writing_ = true;
     ws_.async_write(asio::buffer(*out_.front().bytes), [self = shared_from_this()](error_code ec, std::size_t bytes) {
       self->writing_ = false;
+      expects(self->traffic_->queuedBytes >= self->out_.front().bytes->size(), "what is sent was queued");
       self->traffic_->queuedBytes -= self->out_.front().bytes->size();
       self->out_.pop_front();
       if (ec) return self->end();

@@ -11,6 +11,7 @@
 #include <thread>
 #include <utility>
 
+#include "common/outcome/contract.h"
 #include "common/wire/wire.h"
 #include "server/logging/logging.h"
 #include "server/recording/reader.h"
@@ -113,8 +114,9 @@ struct Playback::State {
     auto operation = operationOf(edited);
     if (!operation) return logging::warning({.session = session->name()}, "an edit of the recording: " + operation.error().message);
     ++*openEdits;
-    session->edits().ask({"", edited.author, std::move(*operation)},
-                         [open = openEdits](const Outcome<std::uint64_t>&, std::uint64_t) { --*open; });
+    session->edits().ask({"", edited.author, std::move(*operation)}, [open = openEdits](const Outcome<std::uint64_t>&, std::uint64_t) {
+      expects((*open)-- > 0, "an edit has one answer");
+    });
   }
 };
 
@@ -123,6 +125,7 @@ Playback::~Playback() = default;
 
 Outcome<std::unique_ptr<Playback>> Playback::begin(const std::vector<std::filesystem::path>& parts, directory::Directory& directory,
                                                    std::shared_ptr<session::Session> session, double from) {
+  expects(session && from >= 0, "a recording plays in a session, from its start or later");
   std::uint64_t last = 0;
   auto scanned = Reader::open(parts);
   if (!scanned) return scanned.error();
@@ -145,6 +148,7 @@ Outcome<std::unique_ptr<Playback>> Playback::begin(const std::vector<std::filesy
 }
 
 void Playback::start(SendAway sendAway) {
+  expects(sendAway && !state_->thread.joinable(), "a recording is played once, to members that can be sent away");
   state_->sendAway = std::move(sendAway);
   state_->thread = std::jthread([s = state_.get()](const std::stop_token& stop) { s->run(stop); });
 }
