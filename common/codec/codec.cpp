@@ -10,6 +10,7 @@
 
 #include "common/codec/draco.h"
 #include "common/codec/varint.h"
+#include "common/outcome/contract.h"
 
 namespace ridgecast::codec {
 namespace {
@@ -151,6 +152,7 @@ bool isInRange(const mesh::LocalVertex& v) {
 std::vector<std::uint8_t> encodeLeaf(const mesh::LeafMesh& leaf) {
   assert(mesh::isCanonical(leaf));
   assert(std::all_of(leaf.vertices.begin(), leaf.vertices.end(), isInRange));
+  expects(leaf.vertices.size() <= 3 * leaf.triangles.size(), "a leaf has no vertices beside those of its triangles");
   if (leaf.triangles.empty()) return {};
 
   const std::array<Scale, 3> scales = scalesOf(leaf.vertices);

@@ -1,5 +1,9 @@
 #include "common/mesh/extraction.h"
 
+#include <cstdlib>
+
+#include "common/outcome/contract.h"
+
 namespace ridgecast::mesh {
 
 using triangulation::TriangleId;
@@ -9,11 +13,13 @@ using triangulation::VertexId;
 LeafMesh Extractor::extract(const triangulation::Triangulation& mesh, triangulation::RegionId region, lattice::LeafAddress leaf,
                             lattice::Point anchor) {
   LeafMesh out{leaf, {}, {}};
+  expects(mesh.trianglePages().hasRegion(region), "a leaf is taken out of a region that is there");
   vertices_.clear();
   const std::size_t count = mesh.triangleCount(region);
   if (count == 0) return out;
   if (places_.size() < mesh.vertexCapacity()) places_.resize(mesh.vertexCapacity(), 0);
   const lattice::Step dx = anchor.x - leaf.x(), dz = anchor.z - leaf.z();
+  expects(std::abs(dx) < 1 << 30 && std::abs(dz) < 1 << 30, "a leaf lies near its mesh's anchor");
   const auto add = [&](VertexId v) {
     const triangulation::Vertex& p = mesh.vertex(v);
     out.vertices.push_back({static_cast<std::int32_t>(dx + p.x), static_cast<std::int32_t>(dz + p.z), p.y});

@@ -4,6 +4,8 @@
 #include <cstdlib>
 #include <tuple>
 
+#include "common/outcome/contract.h"
+
 namespace ridgecast::mesh {
 
 void canonicalize(LeafMesh& leaf) {
@@ -20,7 +22,10 @@ void canonicalize(LeafMesh& leaf) {
 
   used.assign(leaf.vertices.size(), 0);
   for (const Triangle& t : leaf.triangles)
-    for (std::uint32_t v : t) used[v] = 1;
+    for (std::uint32_t v : t) {
+      expects(v < used.size(), "triangles name vertices that are there");
+      used[v] = 1;
+    }
   order.clear();
   const auto ascending = [](std::int32_t v) { return static_cast<std::uint32_t>(v) ^ 0x80000000u; };
   for (std::uint32_t v = 0; v < leaf.vertices.size(); ++v)
@@ -85,6 +90,7 @@ LeafMesh gather(lattice::LeafAddress address, std::span<const LeafMesh* const> s
       lattice::Step sumX = 3 * source->address.x(), sumZ = 3 * source->address.z();
       bool near = true;
       for (std::uint32_t v : t) {
+        expects(v < source->vertices.size(), "triangles name vertices that are there");
         const std::int64_t x = source->vertices[v].x, z = source->vertices[v].z;
         sumX += x;
         sumZ += z;
@@ -122,6 +128,7 @@ std::uint64_t hashLeaf(const LeafMesh& leaf) {
   for (const Triangle& t : leaf.triangles) {
     lattice::Vertex v[3];
     for (int k = 0; k < 3; ++k) {
+      expects(t[k] < leaf.vertices.size(), "triangles name vertices that are there");
       const LocalVertex& p = leaf.vertices[t[k]];
       v[k] = {x0 + p.x, z0 + p.z, p.y};
     }

@@ -4,6 +4,8 @@
 #include <bit>
 #include <cstdlib>
 
+#include "common/outcome/contract.h"
+
 namespace ridgecast::points {
 
 namespace {
@@ -32,6 +34,7 @@ lattice::LeafAddress openSquareOf(const lattice::LeafAddress& leaf) { return lat
 // v < 2^31: the length of v + 1 in unary, its second bit adaptively, the rest as even bits.
 template <class Coder>
 std::uint32_t Coding<Coder>::number(Number& n, std::uint32_t v) {
+  expects(v < 1u << 31, "a number has 31 bits");
   const std::uint32_t plus = v + 1;
   unsigned length = static_cast<unsigned>(std::bit_width(plus)) - 1, k = 0;
   while (k < 31 && coder_.bit(n.length[k], k < length)) ++k;
@@ -43,6 +46,7 @@ std::uint32_t Coding<Coder>::number(Number& n, std::uint32_t v) {
 // v < count, except that a Reader may get more.
 template <class Coder>
 std::uint32_t Coding<Coder>::below(std::uint32_t count, std::uint32_t v) {
+  expects(count > 0 && (Coder::kDecodes || v < count), "a place lies in its square, and is named in ascending order");
   std::uint32_t out = 0;
   for (int k = std::bit_width(count - 1); k-- > 0;) out = out << 1 | coder_.even(v >> k & 1);
   return out;
@@ -115,6 +119,7 @@ bool Coding<Coder>::chosen(Number& n, std::uint32_t before, std::vector<std::uin
 
 template <class Coder>
 Place Coding<Coder>::place(int level, bool isFresh, Place p) {
+  expects(level >= 0 && level <= lattice::kMaxLevel, "a square has a level");
   const int sideBits = lattice::kFinestSideBits + level, half = sideBits - 1;
   const auto multiples = [&](int bits) {  // of 2^bits, in the square
     const std::uint32_t count = 1u << (sideBits - bits);
@@ -131,6 +136,7 @@ Place Coding<Coder>::place(int level, bool isFresh, Place p) {
 
 template <class Coder>
 std::int32_t Coding<Coder>::height(Heights& heights, int level, std::int32_t guess, std::int32_t y) {
+  expects(level >= 0 && level <= lattice::kMaxLevel, "a square has a level");
   int l = level;
   const auto isMultiple = [&] { return (y & ((1 << lattice::verticalBits(l)) - 1)) == 0; };
   while (l > 0 && coder_.bit(heights.finer[static_cast<std::size_t>(level - l)], !isMultiple())) --l;

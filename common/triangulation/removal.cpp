@@ -1,5 +1,6 @@
 // Removal of a vertex: its star is a star-shaped cavity, filled by giving each base edge the corner whose circle is empty.
 #include <algorithm>
+#include <cassert>
 
 #include "common/outcome/contract.h"
 #include "common/triangulation/triangulation.h"
@@ -20,7 +21,7 @@ bool Triangulation::collectStar(VertexId v, WriteSet& set) const {
     const TriangleId t = h >> 2;
     if (!set.allows(triangles_.regionOf(t)) || !set.allows(triangles_.regionOf(back >> 2))) return false;
     back = next(twin(back));
-    expects(origin(h) == v, "a star is walked around its vertex");
+    expects(origin(h) == v && boundary.size() < triangles_.capacity(), "a star is walked around its vertex, and ends where it began");
     const HalfEdge opposite = next(h), outer = twin(opposite);
     if (!set.allows(triangles_.regionOf(outer >> 2))) return false;
     set.cavity_.push_back(t);
@@ -90,6 +91,7 @@ void Triangulation::fillStar(WriteSet& set) const {
 
 Change Triangulation::plan(VertexId v, WriteSet& set) const {
   expects(v != kInfinite, "infinity stays");
+  assert(vertices_.alive(v));
   if (!set.allows(vertices_.regionOf(v)) || !collectStar(v, set)) return Change::kDeferred;
   auto& boundary = set.boundary_;
   // The first base should be finite, so that "nothing to its left" has a meaning.
@@ -113,6 +115,9 @@ Change Triangulation::plan(VertexId v, WriteSet& set) const {
 
 Change Triangulation::apply(VertexId v, WriteSet& set) {
   const auto& boundary = set.boundary_;
+  expects(!set.fill_.empty() && set.fill_.size() + 2 == set.cavity_.size(), "what is applied was planned, and not applied before");
+  const auto& corners = triangleRecords_[set.cavity_.front()].v;
+  expects(corners[0] == v || corners[1] == v || corners[2] == v, "a plan is applied to the vertex that it was made for");
   const RegionId home = triangles_.regionOf(set.cavity_.front());
   std::size_t spare = emptyCavity(home, set);
   for (auto& f : set.fill_) {

@@ -5,6 +5,7 @@
 #include <memory>
 #include <set>
 
+#include "common/outcome/contract.h"
 #include "common/triangulation/triangulation.h"
 
 namespace ridgecast::triangulation {
@@ -113,7 +114,10 @@ bool Triangulation::split(std::span<const RegionId> regions, const Loop& loop, c
   const auto pagesFor = [&](const auto& plan) { return static_cast<std::uint32_t>(plan.pages.size() + regionLimit()); };
   if (!triangles_.hasFree(pagesFor(triangles)) || !vertices_.hasFree(pagesFor(vertices))) return false;
   std::vector<std::uint8_t> splitting(regionLimit(), 0);
-  for (RegionId region : regions) splitting[region] = 1;
+  for (RegionId region : regions) {
+    expects(region != kOutside && triangles_.hasRegion(region), "what is split is a region");
+    splitting[region] = 1;
+  }
 
   loop(triangles.found.size() + vertices.found.size(), [&](std::size_t k) {
     if (k < triangles.found.size())

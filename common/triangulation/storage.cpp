@@ -54,6 +54,7 @@ void Pages<N>::removeRegion(RegionId region) {
 
 template <std::uint32_t N>
 void Pages<N>::adopt(RegionId from, RegionId to) {
+  expects(from != to && hasRegion(from) && hasRegion(to), "one region adopts another");
   Region &giver = *regions_[from], &heir = *regions_[to];
   for (std::uint32_t page : giver.pages) {
     pages_[page].region = to;
@@ -138,6 +139,7 @@ void Pages<N>::addBlock(std::uint32_t number, std::uint32_t k) {
 
 template <std::uint32_t N>
 std::uint32_t Pages<N>::freeBlock() {
+  expects(!blockPool_.empty() || untouchedBlocks_ < capacity_ / kBlock, "there are as many blocks as all pages can have");
   if (blockPool_.empty()) return untouchedBlocks_++;
   const std::uint32_t block = blockPool_.back();
   blockPool_.pop_back();
@@ -179,7 +181,9 @@ void Pages<N>::release(std::uint32_t slot) {
     giveBackAll(region);
   } else if (page.alive == 0 && region.open.back() != number) {
     // The page that is being filled stays: a change releases its cavity and fills it again at once.
-    region.open.erase(std::find(region.open.begin(), region.open.end(), number));
+    const auto open = std::find(region.open.begin(), region.open.end(), number);
+    expects(open != region.open.end(), "a page with room is listed by its region");
+    region.open.erase(open);
     region.pages[page.place] = region.pages.back();
     pages_[region.pages[page.place]].place = page.place;
     region.pages.pop_back();

@@ -23,6 +23,8 @@
 #include <utility>
 #include <vector>
 
+#include "common/outcome/contract.h"
+
 namespace ridgecast::triangulation {
 
 using RegionId = std::uint32_t;
@@ -223,6 +225,7 @@ template <std::uint32_t N>
 template <class F>
 void Pages<N>::receive(RegionId id, std::span<Move> moves, F&& take) {
   // All at once: taken one by one, in turn with other threads, pages would lie scattered.
+  expects(hasRegion(id), "records move to a region that is there");
   if (regions_[id]->open.empty()) addPages(id, moves.size());
   for (std::size_t n = 0; n < moves.size();) {
     const std::uint32_t number = pageWithRoom(id);
@@ -256,6 +259,7 @@ void Pages<N>::compact(RegionId id, F&& move) {
       const auto k = static_cast<std::uint32_t>(std::countr_zero(m));
       --region.count;
       const std::uint32_t to = allocate(id);
+      expects(to != kNoSlot, "the fullest pages have room for what lay in the others");
       if (!((fresh >> k) & 1)) clearFresh(to);
       move(slotAt(page, k), to);
     }

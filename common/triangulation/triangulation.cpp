@@ -29,6 +29,14 @@ void WriteSet::allow(std::span<const RegionId> regions) {
   }
 }
 
+namespace {
+// Differences of two coordinates then have 27 bits, as the predicates need.
+bool isInReach(const Vertex& p) {
+  constexpr std::int32_t kReach = 1 << 26;
+  return p.x > -kReach && p.x < kReach && p.z > -kReach && p.z < kReach;
+}
+}  // namespace
+
 // A live set of n points has about 2n triangles; ghosts, and pages that are not full, need room too.
 Triangulation::Triangulation(std::uint32_t triangles, const Partition& partition)
     : partition_(&partition),
@@ -38,6 +46,7 @@ Triangulation::Triangulation(std::uint32_t triangles, const Partition& partition
       triangleRecords_(triangles_.capacity()),
       vertexRecords_(vertices_.capacity()) {
   static_assert(sizeof(Triangle) == 24 && sizeof(Vertex) == 16);
+  expects(triangles < 1u << 29, "half-edges have 32 bits");
   clear();
 }
 
@@ -50,6 +59,7 @@ void Triangulation::clear() {
 }
 
 RegionId Triangulation::addRegion(const Square& square) {
+  expects(square.side > 0, "a region covers something");
   const RegionId t = triangles_.addRegion(), v = vertices_.addRegion();
   expects(t == v, "triangles and vertices have the same regions");
   if (t >= squares_.size()) squares_.resize(t + 1);
@@ -101,6 +111,7 @@ void Triangulation::start(const Vertex& a, const Vertex& b, const Vertex& c) {
   if (turn < 0) std::swap(corners[1], corners[2]);
   VertexId v[3];
   for (int k = 0; k < 3; ++k) {
+    expects(isInReach(corners[k]), "coordinates are less than 2^26 steps from the anchor");
     v[k] = vertices_.allocate(partition_->regionAt(corners[k].point()));
     vertexRecords_[v[k]] = corners[k];
   }
@@ -189,6 +200,7 @@ inline bool Triangulation::findCavity(const Vertex& p, TriangleId at, RegionId h
     const unsigned k1 = after(edge.outer & 3), k2 = before(edge.outer & 3);
     WriteSet::Spot apex{};
     if (opens(edge, r, k2, point, apex)) {
+      expects(set.cavity_.size() < triangles_.capacity(), "a cavity meets no triangle twice");
       set.cavity_.push_back(t);
       if (top == open.size()) open.resize(2 * open.size());
       __builtin_prefetch(&triangleRecords_[r.twin[k1] >> 2]);
@@ -213,6 +225,8 @@ inline bool Triangulation::findCavity(const Vertex& p, TriangleId at, RegionId h
 Change Triangulation::insert(const Vertex& p, TriangleId at, WriteSet& set, VertexId* made) {
   const RegionId home = triangles_.regionOf(at);
   if (!set.allows(home)) return Change::kDeferred;
+  assert(triangles_.alive(at));
+  expects(isInReach(p), "coordinates are less than 2^26 steps from the anchor");
   const Triangle& start = triangleRecords_[at];
   for (HalfEdge h : start.twin) __builtin_prefetch(&triangleRecords_[h >> 2]);
   for (VertexId v : start.v)
@@ -249,6 +263,7 @@ Change Triangulation::insert(const Vertex& p, TriangleId at, WriteSet& set, Vert
 }
 
 TriangleId Triangulation::locate(Point2 p, TriangleId from, const WriteSet& set) const {
+  assert(triangles_.alive(from));
   TriangleId t = from;
   if (isGhost(t)) {  // step into the hull
     const Triangle& r = triangleRecords_[t];
@@ -294,6 +309,7 @@ void Triangulation::moveVertex(VertexId from, VertexId to) {
 }
 
 void Triangulation::refile(RegionId region, const Moves& moves) {
+  expects(triangles_.hasRegion(region), "what is filed anew is that of a region that is there");
   std::vector<TriangleId> triangles;
   triangles.reserve(triangles_.count(region));
   triangles_.forEach(region, [&](TriangleId t) { triangles.push_back(t); });
@@ -352,6 +368,7 @@ void Triangulation::translate(std::int32_t dx, std::int32_t dz) {
       if (v == kInfinite) return;
       vertexRecords_[v].x += dx;
       vertexRecords_[v].z += dz;
+      expects(isInReach(vertexRecords_[v]), "an anchor lies near its mesh");
     });
   }
 }

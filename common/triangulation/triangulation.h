@@ -31,6 +31,7 @@
 #include <span>
 #include <vector>
 
+#include "common/outcome/contract.h"
 #include "common/triangulation/predicates.h"
 #include "common/triangulation/storage.h"
 
@@ -149,6 +150,7 @@ class Triangulation {
   std::uint32_t regionLimit() const { return static_cast<std::uint32_t>(triangles_.regionLimit()); }
   // Refiles what is filed under `from` under `to`, whose square holds that of `from`. Nothing moves.
   void adopt(RegionId from, RegionId to) {
+    expects(squares_[from].side <= squares_[to].side, "a region adopts one that it covers");
     triangles_.adopt(from, to);
     vertices_.adopt(from, to);
   }
@@ -230,7 +232,9 @@ class Triangulation {
   template <class F>
   void forEachAround(VertexId v, F&& f) const {
     const HalfEdge first = edgeOf(v);
-    for (HalfEdge h = first;;) {
+    std::uint32_t left = triangles_.capacity();
+    for (HalfEdge h = first;; --left) {
+      expects(left > 0, "a walk around a vertex ends where it began");
       f(h);
       h = twin(previous(h));
       if (h == first) return;

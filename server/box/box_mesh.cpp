@@ -54,6 +54,7 @@ class Meshing::Mesher {
         judge_(samples_, plan_.corners[0], plan_.corners[2], plan_.kept),
         regions_(plan_.corners[0], plan_.corners[2]),
         mesh_(most + 64, regions_) {
+    expects(box.low.x < box.high.x && box.low.z < box.high.z, "a box covers something");
     all_.allowAll();
     regions_.addTo(mesh_);
     later_.resize(regions_.size());

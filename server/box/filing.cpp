@@ -5,6 +5,8 @@
 #include <cmath>
 #include <cstdint>
 
+#include "common/outcome/contract.h"
+
 namespace ridgecast::box {
 
 using lattice::Step;
@@ -27,6 +29,7 @@ Filing::Filing(const triangulation::Triangulation& mesh, const Frame& frame, lat
 }
 
 void Filing::add(std::size_t k, triangulation::RegionId region) {
+  expects(k < added_.size() && added_[k].empty() && leaves_.empty(), "each region is filed once, before leaves are made");
   const int bits = lattice::kFinestSideBits + level_;
   const auto third = [](Step v) { return v >= 0 ? v / 3 : -((2 - v) / 3); };
   auto& leaves = added_[k];
@@ -68,6 +71,7 @@ void Filing::finish(mesh::LeafMesh& leaf, const std::vector<const Corners*>& par
     VertexId vertex = triangulation::kInfinite;
     std::uint32_t number = 0;
   };
+  expects(count < std::size_t{1} << 30, "a leaf's corners have a table");
   thread_local std::vector<Place> table;
   const int bits = std::bit_width(count);
   table.assign(std::size_t{1} << (bits + 1), {});

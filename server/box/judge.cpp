@@ -8,6 +8,7 @@
 #include <optional>
 #include <utility>
 
+#include "common/outcome/contract.h"
 #include "server/box/cells.h"
 #include "server/box/shape.h"
 
@@ -39,6 +40,7 @@ Worst Judge::verdict(const Corners& corners, std::vector<Open>& tooCoarse) const
 }
 
 Worst Judge::verdict(const Corners& corners, const Open& open, std::vector<Open>& tooCoarse) const {
+  expects(samples_.finer(open.block) >= 0, "what is asked again was refined");
   const Shape shape(corners);
   Search search{.tooCoarse = &tooCoarse};
   look(static_cast<std::size_t>(samples_.finer(open.block)), open.area, shape, search);
@@ -118,6 +120,7 @@ struct Judge::Around {
   void ask(std::int32_t i, std::int32_t j) {
     low = asked == 0 ? Point2{i, j} : Point2{std::min(low.x, i), std::min(low.z, j)};
     high = asked == 0 ? Point2{i, j} : Point2{std::max(high.x, i), std::max(high.z, j)};
+    expects(tile().block(i >> Tile::kBlockBits, j >> Tile::kBlockBits) < 64, "a block that asks has its bit");
     asked |= std::uint64_t{1} << tile().block(i >> Tile::kBlockBits, j >> Tile::kBlockBits);
   }
   // The triangle's part in cells that asked.

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "common/outcome/contract.h"
+
 namespace ridgecast::box {
 
 using lattice::Step;
@@ -17,6 +19,7 @@ constexpr std::size_t kPlacesATime = 4096, kLooksATime = 32768;
 
 Division::Division(const terrain::Terrain& terrain, const Frame& frame, const Side& side)
     : terrain_(terrain), frame_(frame), side_(side), alongX_(side.from.z == side.to.z), limit_(side.error * lattice::kStepsPerMetre) {
+  expects((side.from.x == side.to.x) != (side.from.z == side.to.z), "a side runs along x or z");
   const auto [begin, end] = alongX_ ? std::minmax(side.from.x, side.to.x) : std::minmax(side.from.z, side.to.z);
   end_ = end;
   spacing_ = std::max(kSpacing >> frame.unitBits, ((end - begin) >> 15) + 1);

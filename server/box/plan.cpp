@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <vector>
 
+#include "common/outcome/contract.h"
 #include "common/terrain/raster.h"
 
 namespace ridgecast::box {
@@ -44,6 +45,7 @@ double noiseOf(const terrain::Terrain& terrain, lattice::Point low, lattice::Poi
 
 Plan::Plan(const Box& box, const terrain::Terrain& terrain, std::uint32_t mostTriangles)
     : error(box.error), most(mostTriangles), samples(std::min(kMaxSamples, kMaxATriangle * most)) {
+  expects(box.error > 0 && mostTriangles > 0, "a box is asked for with an error above 0, and may have triangles");
   const double fits = kSnapShare * box.error * lattice::kStepsPerMetre;  // at most half a spacing of heights
   while (std::ldexp(1.0, vertical) <= fits && vertical < 12) ++vertical;
   const int horizontal = vertical + 1;

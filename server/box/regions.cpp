@@ -4,6 +4,8 @@
 #include <bit>
 #include <cstdint>
 
+#include "common/outcome/contract.h"
+
 namespace ridgecast::box {
 
 using triangulation::Point2;
@@ -24,6 +26,7 @@ Regions::Regions(Point2 low, Point2 high)
       down_((high.z >> bits_) - first_.z + 1) {}
 
 void Regions::addTo(triangulation::Triangulation& mesh) {
+  expects(ids_.empty(), "regions are those of one mesh");
   for (std::int32_t j = 0; j < down_; ++j)
     for (std::int32_t i = 0; i < across_; ++i) {
       colours_[static_cast<std::size_t>(i % 3 + j % 3 * 3)].push_back(ids_.size());
@@ -47,6 +50,7 @@ std::vector<Point2> Regions::corners(Point2 low, Point2 high) const {
 }
 
 void Regions::around(std::size_t k, std::vector<RegionId>& out) const {
+  expects(k < ids_.size(), "a region that has neighbours is there");
   const auto i = static_cast<std::int32_t>(k) % across_, j = static_cast<std::int32_t>(k) / across_;
   out.clear();
   for (std::int32_t b = std::max(j - 1, 0); b <= std::min(j + 1, down_ - 1); ++b)

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "common/outcome/contract.h"
 #include "common/terrain/raster.h"
 #include "server/box/map_tile.h"
 
@@ -44,6 +45,7 @@ float Samples::slack() const {
 }
 
 bool Samples::halves(std::uint64_t most) {
+  expects(finer_.empty(), "the first samples are halved before any block is refined");
   if (bits_ == 0 || 4 * count_ > most) return false;
   tiles_.clear();
   heights_ = {};
@@ -67,6 +69,7 @@ void Samples::add(Point2 corner, int bits, int cellBits, std::int32_t coarser) {
 }
 
 void Samples::refine(const Block& at) {
+  expects(finer(at) < 0 && tiles_[at.tile].bits > 0, "a block is refined once, down to every unit");
   Tile& tile = tiles_[at.tile];
   if (tile.finer < 0) {
     tile.finer = static_cast<std::int32_t>(finer_.size());
@@ -98,6 +101,7 @@ std::optional<float> Samples::at(Point2 p) const {
 bool Samples::proves() const { return map_ && spacing() <= kPostsACell * map_->shape().finest(); }
 
 void Samples::fill(std::size_t number) {
+  expects(number < tiles_.size(), "a tile that is filled is there");
   Tile& tile = tiles_[number];
   std::fill_n(tile.slack, tile.squares(), Slack{});
   if (proves())

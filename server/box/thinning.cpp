@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "common/lattice/lattice.h"
+#include "common/outcome/contract.h"
 
 namespace ridgecast::box {
 
@@ -77,7 +78,7 @@ void thin(Triangulation& mesh, const Regions& regions, std::size_t home, const J
   std::sort(spare.begin(), spare.end());
   for (const Spare& s : spare) {
     if (missed(mesh, s.vertex, set) > error || !fit(mesh, set, judge, verdicts)) continue;
-    mesh.apply(s.vertex, set);
+    expects(mesh.apply(s.vertex, set) == triangulation::Change::kDone, "what was planned can be done");
     set.forEachFilled([&, k = std::size_t{0}](TriangleId t) mutable {
       worst[t] = verdicts[k++];
       mesh.trianglePages().clearFresh(t);

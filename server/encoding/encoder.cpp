@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "common/codec/codec.h"
+#include "common/outcome/contract.h"
 #include "common/terrain/shades.h"
 #include "server/query/query.h"
 
@@ -34,6 +35,7 @@ std::vector<std::uint8_t> Encoder::shadesOf(const mesh::LeafMesh& leaf) const {
 }
 
 std::vector<std::uint8_t> Encoder::shadesOf(const HeldPoints::News& news) const {
+  expects(news.points.size() == news.levels.size(), "each new point has a level");
   std::vector<terrain::Shade> shades(news.points.size());
   for (std::size_t k = 0, end = 0; k < shades.size(); k = end) {  // a level at a time
     std::vector<lattice::Step> x, z;
@@ -56,6 +58,7 @@ wire::LeafWhole Encoder::whole(const mesh::LeafMesh& leaf) const {
 }
 
 void Encoder::encode(replica::Changes changes, pipeline::IteratingMesh& mesh, wire::Iteration& iteration) {
+  expects(form_.points || (changes.come.empty() && changes.touched.empty()), "only clients that follow points get leaves by them");
   iteration.number = changes.number;
   iteration.meshHash = changes.meshHash;
   iteration.whole.resize(changes.whole.size());

@@ -235,8 +235,10 @@ std::vector<std::uint8_t> HeldPoints::write(const replica::Changes& changes, con
   std::vector<points::Change> list;
   for (Changed& c : changed_) list.push_back(std::move(c.change));
   auto size = sizes_.cbegin();
-  writer.changes(
-      {squares_, changes.come, active_}, [&](const LeafAddress&) { return *size++; }, list);
+  expects(writer.changes(
+              {squares_, changes.come, active_}, [&](const LeafAddress&) { return *size++; }, list) &&
+              size == sizes_.cend(),
+          "squares that change come in canonical order, and none twice");
   const auto tell = [&](VertexId v, int level) {
     news.points.push_back(absolute(t.vertex(v), surface.anchor));
     news.levels.push_back(level);

@@ -78,6 +78,7 @@ void CameraMesh::moveAnchor(const camera::Pose& pose, bool keep) {
 
 void CameraMesh::setGround(std::shared_ptr<const terrain::Terrain> terrain, std::span<const lattice::Area> changed,
                            scheduling::Pool& pool) {
+  expects(terrain != nullptr, "a mesh has ground");
   mesh_.setTerrain(std::move(terrain), changed);
   if (mesh_.triangulation().empty()) return;
   std::vector<RegionId> touched{kOutside};
@@ -108,7 +109,10 @@ void CameraMesh::generate(scheduling::Pool& pool) {
 CameraMesh::LeafDiff CameraMesh::replaceLeaves() {
   LeafDiff diff;
   if (!ordered_.empty()) {
-    for (RegionId region : tree_.gone()) diff.removed.push_back({std::move(leaves_[region]), nullptr, {}});
+    for (RegionId region : tree_.gone()) {
+      expects(leaves_[region] != nullptr, "a leaf that goes was there");
+      diff.removed.push_back({std::move(leaves_[region]), nullptr, {}});
+    }
     std::sort(diff.removed.begin(), diff.removed.end(),
               [](const RemovedLeaf& l, const RemovedLeaf& r) { return l.leaf->address < r.leaf->address; });
   }
@@ -178,6 +182,7 @@ void CameraMesh::replaceOrdered(const LeafDiff& diff) {
   }
   goUntil(nullptr);
   keep(std::ssize(addresses_));
+  expects(now.size() == size, "leaves come and go one by one");
   ordered_ = std::move(now);
   addresses_ = std::move(addresses);
   regions_ = std::move(regions);
@@ -284,7 +289,10 @@ void CameraMesh::updateNeighbours(const LeafDiff& diff, scheduling::Pool& pool) 
   }
   std::vector<Stale> stale;
   for (RegionId region = 0; region < marks.size(); ++region)
-    if (marks[region] != 0) stale.push_back({leaves_[region].get(), (marks[region] & kCoarser) != 0});
+    if (marks[region] != 0) {
+      expects(leaves_[region] != nullptr, "a leaf's neighbours are leaves");
+      stale.push_back({leaves_[region].get(), (marks[region] & kCoarser) != 0});
+    }
   pool.forEach(stale.size(), 4, [&](std::size_t k) {
     Leaf* const leaf = stale[k].leaf;
     tree_.touchingTags(leaf->address, leaf->writeSet);

@@ -97,6 +97,7 @@ settings::IterationStats Pipeline::iterate(const camera::Camera& camera) {
 }
 
 void Pipeline::change(const settings::Settings& granted) {
+  expects(granted.threshold > 0 && granted.triangleBudget > 0, "settings are granted before they are taken");
   State& s = *state_;
   if (granted.metric != s.settings.metric || granted.colourError != s.settings.colourError || granted.triangleBudget > s.madeFor) {
     auto fresh = std::make_unique<State>(s.terrain, granted, s.pool);
@@ -113,6 +114,7 @@ void Pipeline::change(const settings::Settings& granted) {
 }
 
 void Pipeline::setGround(std::shared_ptr<const terrain::Terrain> terrain, std::span<const lattice::Area> changed) {
+  expects(terrain != nullptr, "a mesh has ground");
   State& s = *state_;
   s.terrain = terrain;
   s.horizon.setTerrain(terrain, changed);
@@ -130,6 +132,7 @@ std::vector<lattice::Candidate> Pipeline::candidates(std::uint32_t most) const {
   const State& s = *state_;
   const refinement::View view = s.view();
   const auto& leafs = s.mesh.leaves();
+  expects(s.seen.size() == leafs.size(), "candidates are listed between iterations");
   std::vector<std::vector<refinement::ListedCandidate>> found(leafs.size());
   s.pool->forEach(leafs.size(), 16, [&](std::size_t k) {
     if (!s.seen[k]) return;
@@ -161,7 +164,11 @@ IteratingMesh::Surface Pipeline::surface() const {
   return {&m.triangulation(), m.anchor(), state_->outside};
 }
 
-std::uint32_t Pipeline::region(lattice::LeafAddress address) const { return state_->mesh.leaf(address)->region; }
+std::uint32_t Pipeline::region(lattice::LeafAddress address) const {
+  const Leaf* leaf = state_->mesh.leaf(address);
+  expects(leaf != nullptr, "a leaf that is asked for is one of the mesh's");
+  return leaf->region;
+}
 
 void Pipeline::takeFresh(lattice::LeafAddress address, std::vector<triangulation::VertexId>& out) {
   state_->mesh.mesh().takeFreshVertices(region(address), out);

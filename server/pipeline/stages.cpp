@@ -6,6 +6,7 @@
 #include <numbers>
 #include <utility>
 
+#include "common/outcome/contract.h"
 #include "common/triangulation/triangulation.h"
 #include "server/pipeline/state.h"
 #include "server/scheduling/colouring.h"
@@ -74,7 +75,10 @@ Pipeline::State::State(std::shared_ptr<const terrain::Terrain> ground, const set
       pool(std::move(workers)),
       horizon(terrain),
       mesh(terrain, granted.triangleBudget, granted.metric, granted.colourError),
-      effective(granted.threshold) {}
+      effective(granted.threshold) {
+  expects(pool != nullptr, "a pipeline has threads");
+  expects(granted.threshold > 0 && granted.triangleBudget > 0, "settings are granted before a mesh is made for them");
+}
 
 refinement::View Pipeline::State::view() const {
   return {motion.camera, mesh.mesh().anchor(), motion.travel, motion.turn, motion.moving, settings.metric};
@@ -154,6 +158,7 @@ void Pipeline::State::limitInsertions(const refinement::View& view) {
 }
 
 std::vector<double> Pipeline::State::keepMostWanted(std::size_t room, std::size_t wanted, const refinement::View& view) {
+  expects(room < wanted, "some of what is wanted has no room");
   std::vector<double> errors;
   errors.reserve(wanted - room);
   const auto postpone = [&](Leaf& leaf, std::size_t from) {
@@ -256,6 +261,7 @@ void Pipeline::State::publish(bool otherLeaves) {
     }
   }
   for (const auto& [k, points] : changed) leaves[k] = state(*leafs[k]);
+  expects(leaves.size() == leafs.size(), "what is published are all leaves");
   live = 0;
   for (const ridgecast::mesh::LeafState& leaf : leaves) live += leaf.triangles;
 }

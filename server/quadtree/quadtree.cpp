@@ -69,7 +69,10 @@ void Quadtree::makeChildren(std::int32_t node) {
 }
 
 void Quadtree::freeChildren(std::int32_t node) {
-  for (int k = 0; k < 4; ++k) drop(nodes_[node].children + k);
+  for (int k = 0; k < 4; ++k) {
+    expects(nodes_[nodes_[node].children + k].children < 0, "what is merged are leaves");
+    drop(nodes_[node].children + k);
+  }
   free_.push_back(nodes_[node].children);
   nodes_[node].children = -1;
 }
@@ -138,6 +141,7 @@ void Quadtree::followRoots(const View& view, const camera::Pose& pose) {
         nextRootCheck_ = std::min(nextRootCheck_, travel_ + slack - kSlack);
         continue;
       }
+      expects(roots_[rootSlot(i, j)].node < 0, "roots that are held share no slot");
       roots_[rootSlot(i, j)] = {i, j, newFour()};
       held_.push_back(address);
       made_.push_back(address);
@@ -146,6 +150,8 @@ void Quadtree::followRoots(const View& view, const camera::Pose& pose) {
 }
 
 bool Quadtree::follow(const camera::Pose& pose, double ground) {
+  expects(lattice::positionIsValid(pose.x, pose.z), "a camera is over the lattice");
+  expects(std::isfinite(pose.y) && std::isfinite(ground), "a camera and its ground have heights");
   const View view{static_cast<double>(pose.x), static_cast<double>(pose.z), std::max(0.0, pose.y - ground)};
   made_.clear();
   gone_.clear();

@@ -43,6 +43,7 @@ void AdaptiveMesh::setAnchor(lattice::Point anchor) {
 // ---- regions ----
 
 triangulation::RegionId AdaptiveMesh::addRegion(const triangulation::Square& square, int level) {
+  expects(level >= 0 && level <= lattice::kMaxLevel, "a region has the level of a leaf");
   const RegionId region = mesh_.addRegion(square);
   if (region >= regions_.size()) regions_.resize(region + 1);
   regions_[region] = {};
@@ -205,6 +206,7 @@ std::uint32_t AdaptiveMesh::findWork(std::span<const Search> searches, const Vie
 
 double AdaptiveMesh::postpone(const Pending& wanted, RegionId region, const View& view, bool pageAnew) {
   const Candidate c = candidate(wanted.triangle);
+  expects(c.error > 0, "what is postponed is wanted");
   if (pageAnew)
     candidates_.wake(wanted.triangle, regions_[region]);
   else
@@ -268,15 +270,16 @@ void AdaptiveMesh::evaluateFresh(RegionId region, const View* view) {
   const TrianglePages& pages = mesh_.trianglePages();
   mesh_.trianglePages().takeFresh(region, [&](std::uint32_t page, TrianglePages::Mask slots) {
     if (slots == pages.aliveMask(page)) candidates_.begin(page, view ? view->travel : -1);
-    pages.forEachIn(page, slots, [&](TriangleId t) { fresh.push_back(t); });
+    pages.forEachIn(page, slots, [&](TriangleId t) {
+      fresh.push_back(t);
+      candidates_.prefetchAll(t);
+    });
   });
   if (fresh.empty()) return;
   RegionState& state = regions_[region];
   const Chooser::Choice chosen = chooser_.choose(fresh, anchor_, state.level, view);
-  constexpr std::size_t kAhead = 4;
-  for (std::size_t k = 0; k < std::min(kAhead, fresh.size()); ++k) candidates_.prefetchAll(fresh[k]);
   for (std::size_t k = 0; k < fresh.size(); ++k) {
-    if (k + kAhead < fresh.size()) candidates_.prefetchAll(fresh[k + kAhead]);
+    if (k + 16 < fresh.size()) candidates_.prefetchAll(fresh[k + 16]);  // of many, the first ones went out of the cache again
     candidates_.put(fresh[k], chosen.candidates[k], chosen.terms[k]);
     if (view)
       candidates_.fold(fresh[k], chosen.candidates[k], state, *view);

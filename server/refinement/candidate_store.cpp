@@ -10,6 +10,7 @@
 #include <array>
 #include <cmath>
 
+#include "common/outcome/contract.h"
 #include "server/refinement/bounds.h"
 #include "server/refinement/triangle.h"
 
@@ -143,6 +144,7 @@ void CandidateStore::fold(TriangleId t, const Candidate& c, RegionState& state, 
 }
 
 void CandidateStore::move(std::span<const Move> moves, RegionState& state) {
+  expects(pages_.regionOf(moves.front().to) == pages_.regionOf(moves.back().to), "what moves goes to one region");
   forEachPage(pages_, moves, [&](std::uint32_t number, std::span<const Move> run) {
     Mask slots = 0;
     for (const Move& move : run) slots |= Mask{1} << pages_.indexOf(move.to);

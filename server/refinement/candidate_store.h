@@ -1,8 +1,9 @@
 #pragma once
-// A candidate for each triangle of a mesh, what the last look at each page of them found (bounds.h), and each triangle's term of its region's
-// hash. Never changes the triangulation. A region's state belongs to the mesh, which gives it to calls that use the region's next check.
-// Calls for different regions may run at the same time.
+// A candidate for each triangle of a mesh, what the last look at each page of them found (bounds.h), and each triangle's term of its
+// region's hash. Never changes the triangulation. A region's state belongs to the mesh, which gives it to calls that use the region's next
+// check. Calls for different regions may run at the same time.
 
+#include <cassert>
 #include <span>
 #include <vector>
 
@@ -40,6 +41,7 @@ class CandidateStore {
   void begin(std::uint32_t page, double travel);
   // The candidate and the hash's term of a new triangle. wake() or fold() must follow.
   void put(triangulation::TriangleId t, const Candidate& c, std::uint64_t term) {
+    assert(pages_.alive(t));
     Candidates& four = candidates_[t / Candidates::kSlots];
     const std::uint32_t k = t % Candidates::kSlots, index = pages_.indexOf(t);
     four.x[k] = c.point.x;

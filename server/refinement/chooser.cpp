@@ -178,9 +178,12 @@ Chooser::Chooser(const triangulation::Triangulation& mesh, std::shared_ptr<const
       terrain_(std::move(terrain)),
       metric_(metric),
       colour_(terrain_, colourError),
-      curvatures_(metric == Metric::kThesis ? mesh.vertexCapacity() : 0) {}
+      curvatures_(metric == Metric::kThesis ? mesh.vertexCapacity() : 0) {
+  expects(metric != Metric::kDefault, "a mesh is made by a metric of its own");
+}
 
 void Chooser::setTerrain(std::shared_ptr<const terrain::Terrain> terrain, std::span<const lattice::Area> changed) {
+  expects(terrain != nullptr, "a mesh has ground");
   terrain_ = std::move(terrain);
   colour_.setTerrain(terrain_);
   changed_.assign(changed.begin(), changed.end());

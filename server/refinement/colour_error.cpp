@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "common/outcome/contract.h"
 #include "common/terrain/shades.h"
 #include "server/refinement/triangle.h"
 
@@ -12,6 +13,7 @@ ColourError::ColourError(std::shared_ptr<const terrain::Terrain> terrain, double
     : terrain_(std::move(terrain)), bound_(bound > 0 && terrain_->colours() ? bound : 0) {}
 
 void ColourError::tints(lattice::Point anchor, std::span<const triangulation::Point2> points, int level, std::span<Tint> out) const {
+  expects(points.size() == out.size(), "there is a tint for each point");
   thread_local std::vector<lattice::Step> x, z;
   thread_local std::vector<terrain::Shade> shades;
   x.clear();

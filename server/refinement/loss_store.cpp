@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <bit>
+#include <cassert>
 
+#include "common/outcome/contract.h"
 #include "server/refinement/bounds.h"
 
 namespace ridgecast::refinement {
@@ -48,6 +50,9 @@ std::size_t LossStore::memoryBytes() const {
 void LossStore::put(VertexId v, std::int32_t fineY, int level, float loss) {
   const std::uint32_t page = pages_.pageOf(v);
   if (std::popcount(pages_.aliveMask(page)) == 1) losses_[page] = {};  // what another region left there is forgotten
+  assert(pages_.alive(v));
+  expects(level >= 0 && level <= lattice::kMaxLevel, "a vertex is snapped to the level of a leaf");
+  expects(std::abs(fineY) <= lattice::kMaxHeight, "the terrain's heights are the lattice's");
   VertexExtra& extra = extras_[v];
   extra.loss = loss;
   extra.fineY = fineY;
@@ -69,6 +74,7 @@ std::int32_t LossStore::raise(VertexId v, std::int32_t fineY, RegionState& state
 }
 
 std::int32_t LossStore::snapTo(VertexId v, int level) {
+  expects(level >= 0 && level < static_cast<int>(extras_[v].level), "a vertex is snapped to a finer level");
   extras_[v].level = static_cast<std::uint32_t>(level) & 31;
   return lattice::snapHeight(extras_[v].fineY, level);
 }

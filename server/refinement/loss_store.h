@@ -4,10 +4,10 @@
 // new one. Never changes the triangulation. Threads, and a region's state: as CandidateStore.
 
 #include <cmath>
+#include <limits>
 #include <span>
 #include <vector>
 
-#include "common/outcome/contract.h"
 #include "common/triangulation/triangulation.h"
 #include "server/refinement/records.h"
 #include "server/refinement/view.h"

@@ -2,6 +2,7 @@
 // Geometry of one triangle of the mesh. Steps.
 
 #include <algorithm>
+#include <cassert>
 #include <cmath>
 
 #include "common/lattice/lattice.h"
@@ -18,6 +19,7 @@ inline Weights weightsAt(const triangulation::Vertex& a, const triangulation::Ve
   const double bx = double(b.x) - a.x, bz = double(b.z) - a.z, cx = double(c.x) - a.x, cz = double(c.z) - a.z, px = double(p.x) - a.x,
                pz = double(p.z) - a.z;
   const double area = bz * cx - bx * cz;
+  assert(area > 0);
   return {(pz * cx - px * cz) / area, (bz * px - bx * pz) / area};
 }
 // The height at a point of the plane through three vertices.

@@ -4,6 +4,8 @@
 #include <bit>
 #include <numeric>
 
+#include "common/outcome/contract.h"
+
 namespace ridgecast::scheduling {
 
 Colouring colour(std::span<const std::span<const std::uint32_t>> writeSets, std::size_t places) {
@@ -12,7 +14,10 @@ Colouring colour(std::span<const std::span<const std::uint32_t>> writeSets, std:
   std::vector<int> colours;
   for (const auto& set : writeSets) {
     std::uint64_t taken = 0;
-    for (std::uint32_t p : set) taken |= used[p];
+    for (std::uint32_t p : set) {
+      expects(p < places, "tasks write to places that are there");
+      taken |= used[p];
+    }
     colours.push_back(std::min(63, std::countr_one(taken)));
     for (std::uint32_t p : set) used[p] |= std::uint64_t{1} << colours.back();
   }

@@ -216,6 +216,7 @@ Executor::Executor(unsigned threads, const Executor* first, double share) : stat
   const unsigned cores = std::max(1u, std::thread::hardware_concurrency());
   state_->threads = threads ? threads : cores;
   if (first) {
+    expects(share > 0 && share <= 1, "an executor that gives way has a share of all cores");
     state_->first = first->state_;
     state_->courtesy = {&first->state_->working, std::max(0.0, state_->threads / (share * cores) - 1)};
   }
@@ -278,6 +279,7 @@ Pool::~Pool() {
 }
 
 bool Pool::post(std::function<void()> task) {
+  expects(task != nullptr, "a task can be called");
   auto& executor = *impl_->executor;
   const std::lock_guard lock(executor.mutex);
   if (executor.stop || impl_->closed || impl_->posted.size() >= kMaxPosted) return false;
@@ -313,7 +315,9 @@ void Pool::Impl::run(Region& region, std::size_t helpersUseful, const std::funct
   // Whoever is still in its last task is worth a short look before sleeping. The lock below orders what it did before what follows.
   if (region.helpers.load(std::memory_order_relaxed) > 0) spinUntil([&] { return region.helpers.load(std::memory_order_relaxed) == 0; });
   std::unique_lock lock(executor->mutex);
-  regions.erase(std::find(regions.begin(), regions.end(), &region));
+  const auto own = std::find(regions.begin(), regions.end(), &region);
+  expects(own != regions.end(), "a loop is one of its pool's until it has ended");
+  regions.erase(own);
   region.helpersGone.wait(lock, [&] { return region.helpers == 0; });
   if (outside) {
     --inFlight;

@@ -137,8 +137,10 @@ class Ordered final : public Region {
   }
 
   void finish(std::uint32_t task) {  // what waited for it may start
+    expects(done_ < count_, "each task is done once");
     ++done_;
     for (std::uint32_t f = first_[task]; f < first_[task + 1]; ++f) {
+      expects(missing_[followers_[f]] > 0, "a task waits for each predecessor once");
       if (--missing_[followers_[f]] > 0) continue;
       ready_.push_back(followers_[f]);
       std::push_heap(ready_.begin(), ready_.end(), std::greater<>());

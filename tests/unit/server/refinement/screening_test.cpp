@@ -158,7 +158,8 @@ TEST_P(Screenings, SkipNothingThatIsWanted) {
       }
       // Those dormant, for being specks or off the picture, may wake up a little later.
       const auto& pages = remembers.mesh.triangulation().trianglePages();
-      EXPECT_TRUE((remembers.mesh.candidates().screen(pages.pageOf(p.triangle)).dormant >> pages.indexOf(p.triangle)) & 1) << "step " << step;
+      EXPECT_TRUE((remembers.mesh.candidates().screen(pages.pageOf(p.triangle)).dormant >> pages.indexOf(p.triangle)) & 1)
+          << "step " << step;
       ++late;
     }
     EXPECT_EQ(next, known.pending.end()) << "step " << step;
