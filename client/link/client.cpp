@@ -59,7 +59,7 @@ Outcome<void> Client::enterOtherWorld() {
   decoding_.reset();  // reads the mesh held
   follower_ = {};
   connection_ = std::move(*opened);
-  tilesFrom_ = editsFrom_ = 0;
+  tilesFrom_ = editsFrom_ = editOf_ = 0;
   edit_ = world().edit;
   follower_.follow({hello_.points, world().shadedVertices, world().settings.triangleBudget, onThreads});
   return {};
@@ -70,9 +70,15 @@ std::uint64_t Client::send(const camera::Camera& camera, std::vector<std::uint8_
   return sequence_;
 }
 
+std::optional<core::Received> Client::hear(std::chrono::milliseconds timeout) {
+  auto received = connection_->receive(timeout);
+  if (std::exchange(editOf_, connection_->reconnections()) != connection_->reconnections()) edit_ = world().edit;
+  return received;
+}
+
 std::optional<Update> Client::receive(std::chrono::milliseconds timeout) {
   if (decoding_) return poll(timeout, {});
-  auto received = connection_->receive(timeout);
+  auto received = hear(timeout);
   if (!received) return std::nullopt;
   Decoding decoding{std::move(*received)};
   core::Follower::Answer answered = timed(decoding.milliseconds, [&] { return follower_.apply(decoding.received.iteration); });
@@ -102,7 +108,7 @@ Outcome<bool> Client::exchangeTiles(core::HeightWindow& window) {
 
 Outcome<bool> Client::exchangeEdits(core::HeldEdits& edits) {
   if (world().revision < 5 || world().terrainSource.empty()) return false;
-  if (std::exchange(editsFrom_, connection_->reconnections()) != connection_->reconnections()) edits.reconnected(edit_ = world().edit);
+  if (std::exchange(editsFrom_, connection_->reconnections()) != connection_->reconnections()) edits.reconnected(edit_);
   const auto [found, squares] = connection_->takeEditsFound();
   for (const wire::FoundEdits& f : found)
     if (auto put = edits.put(f); !put) return put.error();
@@ -118,7 +124,7 @@ Outcome<bool> Client::exchangeEdits(core::HeldEdits& edits) {
 
 std::optional<Update> Client::poll(std::chrono::milliseconds soon, const std::function<void()>& ready) {
   if (!decoding_) {
-    auto received = connection_->receive(0ms);
+    auto received = hear(0ms);
     if (!received) return std::nullopt;
     decoding_ = std::make_unique<Decoding>(Decoding{std::move(*received)});
     scene().leaves();  // after receive() some may not be made

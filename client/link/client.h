@@ -79,6 +79,7 @@ class Client {
     std::future<Outcome<core::Scene::Prepared>> prepared{};
   };
   Client(const core::Url& url, wire::Hello hello, const Options& options) : url_(url), hello_(std::move(hello)), options_(options) {}
+  std::optional<core::Received> hear(std::chrono::milliseconds timeout);  // as Connection::receive()
   Update answer(Decoding&& decoding, core::Follower::Answer answer);
 
   const core::Url url_;
@@ -88,7 +89,7 @@ class Client {
   std::unique_ptr<Connection> connection_;  // never null
   std::uint64_t sequence_ = 0, resumed_ = 0;
   std::uint64_t tilesFrom_ = 0, editsFrom_ = 0;  // reconnections() when tiles, and edits, were last exchanged
-  std::uint64_t edit_ = 0;                       // the newest that the mesh knows
+  std::uint64_t edit_ = 0, editOf_ = 0;          // the newest that the mesh knows, in the session of these reconnections()
   std::unique_ptr<Decoding> decoding_;
 };
 

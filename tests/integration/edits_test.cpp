@@ -61,6 +61,36 @@ TEST_F(EditsTest, AreNumberedAndInEverybodysGround) {
   EXPECT_EQ(b.connection().ask(query).get()->heights[0], own);
 }
 
+// A mesh that knows an edit since its return, before anybody has asked for posts, and then rests.
+TEST_F(EditsTest, PostsKnowAnEditThatCameWithTheReturn) {
+  Member editor(port(), "ann");
+  testing_support::Relay relay(port(), {});
+  const auto client = link::Client::open({"127.0.0.1", std::to_string(relay.port()), "default"}, wire::Hello{});
+  ASSERT_TRUE(client) << client.error().message;
+  core::HeldEdits held((*client)->world().horizon);
+  held.moveTo({0, 0});
+  ASSERT_TRUE((*client)->exchangeEdits(held));
+  camera::Camera camera;
+  camera.pose.y = base->height({0, 0}) + 60;
+  (*client)->send(camera);
+  relay.breakAll();
+  ASSERT_TRUE(testing_support::await([&] {
+    (*client)->receive(10ms);
+    return (*client)->connection().reconnections() == 1;
+  }));
+  ASSERT_EQ((*client)->world().edit, 0u);
+  ASSERT_TRUE(editor.edit(craterAt(10, -80)));
+  ASSERT_TRUE(testing_support::await([&] {
+    const auto update = (*client)->receive(10ms);
+    return update && update->iteration.edit == 1;
+  }));
+  ASSERT_TRUE(testing_support::await([&] {
+    const auto exchanged = (*client)->exchangeEdits(held);
+    return !exchanged || (held.known() == 1 && held.complete());
+  }));
+  EXPECT_EQ(held.known(), 1u);
+}
+
 // Whoever draws asks for the posts alone, and has the server's ground.
 TEST_F(EditsTest, PostsThatAreFetchedGiveTheServersGround) {
   Member editor(port(), "ann");
