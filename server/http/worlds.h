@@ -16,9 +16,9 @@ namespace ridgecast::http {
 // What to do with the session.
 using Enter = std::function<Reply(std::shared_ptr<session::Session>)>;
 
-// Enters the session that the URL names, makes it as the URL says, or refuses. A world that takes long to make is made by work
-// (DeferredResponse), whose answer is then that of `enter`. `directory` must outlive that work. `makes` false: the same checks, but no session
-// is made, and `enter` gets null instead of a new one.
+// Enters the session that the URL names, makes it as the URL says, or refuses. A world that takes long to make is made by work, whose
+// reply is then that of `enter`. `directory` must outlive that work. `makes` false: the same checks, but no session is made, and `enter`
+// gets null instead of a new one.
 Reply inSession(const Request& request, directory::Directory& directory, const Enter& enter, bool makes = true);
 
 // Places on a session's map in people's coordinates; a private one does not say where it lies. PROJ is slow: call from work. Error:

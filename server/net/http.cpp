@@ -457,7 +457,7 @@ void startHttp(tcp::socket&& socket, ConnectionSlot slot, std::shared_ptr<Server
   const auto strand = socket.get_executor();
   const tcp::endpoint endpoint = socket.remote_endpoint(ignored);
   auto connection = std::make_unique<Connection>(std::move(socket), endpoint, std::move(slot), std::move(shared));
-  asio::co_spawn(strand, serve(std::move(connection)), [](std::exception_ptr failure) {
+  asio::co_spawn(strand, serve(std::move(connection)), [](const std::exception_ptr& failure) {
     if (failure) std::rethrow_exception(failure);
   });
 }
