@@ -12,6 +12,7 @@
 #include "common/edits/packed.h"
 #include "server/edit_log/log.h"
 #include "tests/simulation/line.h"
+#include "tests/simulation/sound_mesh.h"
 #include "tests/simulation/world.h"
 
 namespace ridgecast::simulation {
@@ -97,7 +98,10 @@ bool Server::start() {
   auto resources = std::make_shared<session::Resources>();
   resources->executor = program.executor.get();
   resources->disk = program.writer.get();
-  resources->makeMesh = session::pipelineMeshes();
+  resources->makeMesh = [](std::shared_ptr<const terrain::Terrain> terrain, const settings::Settings& granted,
+                           std::shared_ptr<scheduling::Pool> pool) {
+    return std::make_unique<SoundMesh>(std::move(terrain), granted, std::move(pool));
+  };
   resources->serverName = "simulated";
   resources->limits = limits_;
   resources->state = folder();
