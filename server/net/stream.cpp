@@ -57,9 +57,24 @@ struct Traffic {
   std::atomic<std::uint64_t> iterations{0};
 };
 
-struct Outgoing {
-  std::shared_ptr<const std::string> bytes;
-  std::shared_ptr<const void> ticket;  // released when they have left or are dropped
+// A message that is counted until it has left or is dropped; the ticket is released then.
+class Outgoing {
+ public:
+  Outgoing(std::shared_ptr<Traffic> traffic, std::shared_ptr<const std::string> bytes, std::shared_ptr<const void> ticket)
+      : traffic_(std::move(traffic)), bytes_(std::move(bytes)), ticket_(std::move(ticket)) {
+    traffic_->queuedBytes += bytes_->size();
+  }
+  Outgoing(Outgoing&&) = default;
+  Outgoing& operator=(Outgoing&&) = delete;
+  ~Outgoing() {
+    if (traffic_) expects(traffic_->queuedBytes.fetch_sub(bytes_->size()) >= bytes_->size(), "what is sent was queued");
+  }
+  const std::string& bytes() const { return *bytes_; }
+
+ private:
+  std::shared_ptr<Traffic> traffic_;  // null: it was moved on
+  std::shared_ptr<const std::string> bytes_;
+  std::shared_ptr<const void> ticket_;
 };
 
 // One client's stream. Everything runs on its strand except the counter of queued bytes.
@@ -125,7 +140,7 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
   }
   void postRemove(std::optional<std::uint64_t> camera) override {
     asio::post(ws_.get_executor(), [self = shared_from_this(), camera] {
-      if (!camera || *camera == self->cameraId_)
+      if (!camera || *camera == self->stay_.camera)
         self->fail(metrics::Refusal::kRemoved, {wire::ErrorCode::kLimit, "The operator of this server has ended your stream."});
     });
   }
@@ -156,10 +171,10 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
 
   void goAway() {
     wire::ErrorMessage last{wire::ErrorCode::kGoingAway, "The server is leaving; connect again.", shared_->settings.reconnectUrl};
-    why_ = metrics::name(metrics::Refusal::kDraining);
+    stay_.endsBy = metrics::name(metrics::Refusal::kDraining);
     if (shared_->takesStreams) {
       last = {wire::ErrorCode::kGoingAway, "The session begins again; connect again.", {}};
-      why_ = "successor";
+      stay_.endsBy = "successor";
     }
     farewell(wire::encode(wire::ServerMessage(last)), {websocket::close_code::going_away, last.message});
   }
@@ -231,14 +246,8 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
   }
 
   void enqueue(Outgoing message) {
-    if (stage_ != Stage::kOpen) {
-      traffic_->queuedBytes -= message.bytes->size();
-      return;
-    }
-    if (out_.size() >= kMaxQueuedMessages) {
-      traffic_->queuedBytes -= message.bytes->size();
-      return fail({wire::ErrorCode::kLimit, "Too much is queued for this client."});
-    }
+    if (stage_ != Stage::kOpen) return;
+    if (out_.size() >= kMaxQueuedMessages) return fail({wire::ErrorCode::kLimit, "Too much is queued for this client."});
     out_.push_back(std::move(message));
     if (!writing_) write();
   }
@@ -246,14 +255,12 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
   void write() {
     expects(!writing_ && !out_.empty(), "one message is written at a time");
     writing_ = true;
-    ws_.async_write(asio::buffer(*out_.front().bytes), [self = shared_from_this()](error_code ec, std::size_t bytes) {
+    ws_.async_write(asio::buffer(out_.front().bytes()), [self = shared_from_this()](error_code ec, std::size_t bytes) {
       self->writing_ = false;
-      expects(self->traffic_->queuedBytes >= self->out_.front().bytes->size(), "what is sent was queued");
-      self->traffic_->queuedBytes -= self->out_.front().bytes->size();
       self->out_.pop_front();
       if (ec) return self->end();
       self->shared_->figures->bytesSent.Increment(bytes);
-      self->sentBytes_ += bytes;
+      self->stay_.sentBytes += bytes;
       if (!self->out_.empty()) return self->write();
       if (self->stage_ == Stage::kFarewell) self->sayClose();
     });
@@ -263,8 +270,8 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
   void fail(metrics::Refusal reason, const wire::ErrorMessage& message, std::optional<websocket::close_code> code = {}) {
     if (stage_ != Stage::kOpen) return;
     shared_->figures->refused(reason);
-    why_ = metrics::name(reason);
-    logging::info(about("refused", why_), "is sent away: " + message.message);
+    stay_.endsBy = metrics::name(reason);
+    logging::info(about("refused", stay_.endsBy), "is sent away: " + message.message);
     farewell(wire::encode(wire::ServerMessage(message)),
              {code.value_or(meaningOf(message.code).first), message.message.substr(0, 120)});  // a control frame has 125 bytes
   }
@@ -284,15 +291,9 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
     stage_ = Stage::kFarewell;
     reason_ = std::move(reason);
     leave();
-    while (out_.size() > (writing_ ? 1u : 0u)) {
-      traffic_->queuedBytes -= out_.back().bytes->size();
-      out_.pop_back();
-    }
+    while (out_.size() > (writing_ ? 1u : 0u)) out_.pop_back();
     after(timer_, kFarewellTimeout, [](Stream& self) { self.end(); });
-    if (!last.empty()) {
-      traffic_->queuedBytes += last.size();
-      out_.push_back({std::make_shared<const std::string>(std::move(last)), {}});
-    }
+    if (!last.empty()) out_.emplace_back(traffic_, std::make_shared<const std::string>(std::move(last)), nullptr);
     if (writing_) return;
     out_.empty() ? sayClose() : write();
   }
@@ -319,15 +320,16 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
   }
 
   logging::About about(std::string_view event, std::string_view reason = {}) const {
-    return {.session = session_->name(), .camera = cameraId_, .peer = peer_, .holder = grant_.name, .event = event, .reason = reason};
+    return {.session = session_->name(), .camera = stay_.camera, .peer = peer_, .holder = grant_.name, .event = event, .reason = reason};
   }
   void logEnd() const {
-    if (cameraId_ == 0) return;
-    logging::About ended = about("ended", why_);
-    ended.stay = {std::chrono::duration<double>(std::chrono::steady_clock::now() - began_).count(), sentBytes_, traffic_->iterations};
+    if (stay_.camera == 0) return;
+    logging::About ended = about("ended", stay_.endsBy);
+    ended.stay = {std::chrono::duration<double>(std::chrono::steady_clock::now() - stay_.began).count(), stay_.sentBytes,
+                  traffic_->iterations};
     char text[120];
     std::snprintf(text, sizeof text, "is gone after %.1f s, %llu iterations, %.1f MB", ended.stay->seconds,
-                  static_cast<unsigned long long>(ended.stay->iterations), static_cast<double>(sentBytes_) / 1e6);
+                  static_cast<unsigned long long>(ended.stay->iterations), static_cast<double>(stay_.sentBytes) / 1e6);
     logging::info(ended, text);
   }
 
@@ -351,10 +353,12 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
   bool writing_ = false;
   websocket::close_reason reason_;
   std::shared_ptr<Traffic> traffic_ = std::make_shared<Traffic>();
-  // For the log.
-  const std::chrono::steady_clock::time_point began_ = std::chrono::steady_clock::now();
-  std::uint64_t cameraId_ = 0, sentBytes_ = 0;
-  std::string_view why_ = "left";
+  struct {
+    std::uint64_t camera = 0;  // 0: it never had one
+    const std::chrono::steady_clock::time_point began = std::chrono::steady_clock::now();
+    std::uint64_t sentBytes = 0;
+    std::string_view endsBy = "left";
+  } stay_;  // for the log
 };
 
 // A camera session's way to its client. Messages are encoded on the sending thread, which belongs to a camera's pool.
@@ -370,8 +374,7 @@ class StreamSender final : public session::Sender {
   void sendShared(std::shared_ptr<const std::string> encoded, std::shared_ptr<const void> ticket) override {
     const auto stream = stream_.lock();
     if (!stream) return;
-    traffic_->queuedBytes += encoded->size();
-    stream->post({std::move(encoded), std::move(ticket)});
+    stream->post({traffic_, std::move(encoded), std::move(ticket)});
   }
   std::size_t queuedBytes() const override { return traffic_->queuedBytes; }
   void fail(wire::ErrorMessage message) override {
@@ -394,7 +397,7 @@ void Stream::accepted(error_code ec) {
   budgets_ = place->budgets;
   camera_ = std::make_shared<member::CameraSession>(session_, std::move(*place), shared_->directory->nextCameraId(),
                                                     std::make_shared<StreamSender>(shared_from_this()));
-  cameraId_ = camera_->id();
+  stay_.camera = camera_->id();
   after(timer_, shared_->settings.timeout, [](Stream& self) {
     if (!self.greeted_)
       self.fail(metrics::Refusal::kTimeout,
