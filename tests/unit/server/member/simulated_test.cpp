@@ -192,43 +192,48 @@ TEST(Simulated, TheOwnerRemovesWhoIsNotDone) {
   EXPECT_EQ(waitedFor(s), std::vector<std::uint64_t>{3});
 }
 
-TEST(Simulated, SessionsEndWhenTheyWereEmptyForLongEnough) {
-  scheduling::Executor executor(1);
-  auto resources = std::make_shared<Resources>();
-  resources->executor = &executor;
+// Sessions end after an hour without members.
+struct IdleHour {
+  IdleHour() {
+    resources->executor = &executor;
+    resources->limits.sessionIdle = 1h;
+    directory = std::make_shared<Directory>(resources, flatTerrain());
+  }
+  scheduling::Executor executor{1};
+  std::shared_ptr<Resources> resources = std::make_shared<Resources>();
   SimulatedTimer& timer = simulateTime(*resources);
-  resources->limits.sessionIdle = 1h;
-  const auto directory = std::make_shared<Directory>(resources, flatTerrain());
+  std::shared_ptr<Directory> directory;
+};
+
+TEST(Simulated, SessionsEndWhenTheyWereEmptyForLongEnough) {
+  const IdleHour server;
+  const std::shared_ptr<Directory>& directory = server.directory;
   const auto visited = directory->add("visited", flatTerrain(7)).value();
   ASSERT_TRUE(directory->add("empty", flatTerrain(8)));
   {
     const auto place = visited->enter();
     visited->use();
-    timer.advance(3h);
+    server.timer.advance(3h);
     EXPECT_EQ(directory->find("empty"), nullptr);
     EXPECT_EQ(directory->find("visited"), visited);
   }
-  timer.advance(1h);
+  server.timer.advance(1h);
   EXPECT_EQ(directory->find("visited"), visited) << "an hour has not passed since it was seen to be empty";
-  timer.advance(1h);
+  server.timer.advance(1h);
   EXPECT_EQ(directory->find("visited"), nullptr);
   EXPECT_NE(directory->find(kDefaultName), nullptr);
 }
 
 TEST(Simulated, ASessionThatIsUsedWithoutMembersStays) {
-  scheduling::Executor executor(1);
-  auto resources = std::make_shared<Resources>();
-  resources->executor = &executor;
-  SimulatedTimer& timer = simulateTime(*resources);
-  resources->limits.sessionIdle = 1h;
-  const auto directory = std::make_shared<Directory>(resources, flatTerrain());
+  const IdleHour server;
+  const std::shared_ptr<Directory>& directory = server.directory;
   const auto used = directory->add("used", flatTerrain(7)).value();
   for (int k = 0; k < 10; ++k) {
     used->use();
-    timer.advance(30min);
+    server.timer.advance(30min);
   }
   EXPECT_EQ(directory->find("used"), used);
-  timer.advance(2h);
+  server.timer.advance(2h);
   EXPECT_EQ(directory->find("used"), nullptr);
 }
 
