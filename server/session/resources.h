@@ -13,6 +13,7 @@
 #include <string>
 #include <vector>
 
+#include "server/bus/bus.h"
 #include "server/metrics/metrics.h"
 #include "server/pipeline/pipeline.h"
 #include "server/recording/events.h"
@@ -68,6 +69,7 @@ struct Resources {
   Record record;                // empty: sessions are not recorded
   std::string serverName;
   Limits limits;
+  std::shared_ptr<bus::Bus> bus = std::make_shared<bus::Alone>();  // to the other servers of these worlds
   std::shared_ptr<EditSpace> editSpace = std::make_shared<EditSpace>();
   std::shared_ptr<BudgetsByClient> budgets = std::make_shared<BudgetsByClient>();
   std::shared_ptr<metrics::Metrics> figures = std::make_shared<metrics::Metrics>();
