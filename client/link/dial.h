@@ -27,7 +27,7 @@ inline void dial(const core::Url& url, boost::asio::ip::tcp::resolver& resolver,
       if (failed) return done("no connection to " + url.where() + ": " + failed.message());
       step = Dialing::kConnected;
       if (!url.secure) return done(std::nullopt);
-      channel.startTls(url.host, url.ca, [&url, done](std::optional<std::string> wrong) {
+      channel.startTls(url.host, {url.ca}, [&url, done](std::optional<std::string> wrong) {
         if (wrong) wrong = "no secure connection to " + url.where() + ": " + *wrong;
         done(std::move(wrong));
       });

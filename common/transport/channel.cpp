@@ -155,9 +155,10 @@ void Channel::startTls(std::shared_ptr<TlsContext> context, Done done) {
   });
 }
 
-void Channel::startTls(const std::string& host, const std::string& ca, std::function<void(std::optional<std::string>)> done) {
+void Channel::startTls(const std::string& host, const Authorities& authorities, std::function<void(std::optional<std::string>)> done) {
   expects(!body_->tls, "TLS begins once");
   error_code ec;
+  const std::string& ca = authorities.file;
   auto context = std::make_shared<TlsContext>(ssl::context::tls_client);
   SSL_CTX_set_min_proto_version(context->native_handle(), TLS1_2_VERSION);
   ca.empty() ? context->set_default_verify_paths(ec) : context->load_verify_file(ca, ec);
@@ -172,7 +173,7 @@ void Channel::startTls(const std::string& host, const std::string& ca, std::func
   asio::ip::make_address(host, ec);
   if (ec) SSL_set_tlsext_host_name(native, host.c_str());
   tls.set_verify_callback(ssl::host_name_verification(host), ec);
-  tls.async_handshake(ssl::stream_base::client, [body = body_, native, host, ca, done = std::move(done)](error_code failed) {
+  tls.async_handshake(ssl::stream_base::client, [body = body_, native, host, authorities, done = std::move(done)](error_code failed) {
     if (!failed) return done(std::nullopt);
     if (failed == asio::error::operation_aborted) return;
     const long verdict = SSL_get_verify_result(native);
@@ -180,8 +181,9 @@ void Channel::startTls(const std::string& host, const std::string& ca, std::func
       return done("the server's certificate is not for '" + host + "'");
     if (verdict != X509_V_OK)
       return done(std::string("the server's certificate is not to be trusted: ") + X509_verify_cert_error_string(verdict) +
-                  (ca.empty() ? "; name its authority with --ca FILE" : "; is '" + ca + "' its authority?"));
-    done("no TLS could be agreed on (" + failed.message() + "); does the server speak it? Without it: ws://");
+                  (authorities.file.empty() ? std::string("; name its authority with ") + authorities.flag + " FILE"
+                                            : "; is '" + authorities.file + "' its authority?"));
+    done("no TLS could be agreed on (" + failed.message() + "); does the server speak it? Without it: " + authorities.withoutTls);
   });
 }
 

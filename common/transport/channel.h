@@ -61,9 +61,14 @@ class Channel {
   // Server side. Waits for the first byte. If that begins a TLS handshake, it follows, and `done` gets its result. Otherwise
   // done(error::no_protocol_option): the channel then is in the clear.
   void startTls(std::shared_ptr<TlsContext> context, Done done);
-  // Client side: the server must have a certificate for `host` (a name or an address) from the authorities in the file `ca` (PEM); empty:
-  // from those that this system trusts. `done` gets nothing, or what was wrong.
-  void startTls(const std::string& host, const std::string& ca, std::function<void(std::optional<std::string>)> done);
+  // Client side: the server must have a certificate for `host` (a name or an address) from these authorities. `done` gets nothing, or what
+  // was wrong.
+  struct Authorities {
+    std::string file;                  // PEM; empty: those that this system trusts
+    const char* flag = "--ca";         // that names the file, for errors
+    const char* withoutTls = "ws://";  // how a URL asks for none
+  };
+  void startTls(const std::string& host, const Authorities& authorities, std::function<void(std::optional<std::string>)> done);
 
   // The next data read is an HTTP response: interim responses (1xx except 101) before it are reported to `tell` and discarded. A head of
   // more than 8 KiB is passed on as it is.
