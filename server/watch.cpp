@@ -56,7 +56,7 @@ void Watch::renew(const std::shared_ptr<session::Session>& session, const std::s
     logging::error(about, "keeps its ground; the terrain file was saved with errors:");
     std::istringstream lines(terrain.error().message);
     for (std::string line; std::getline(lines, line);) logging::error(about, line);
-    session->presence().tell("The terrain file was saved with errors; this is the ground from before. " + terrain.error().message);
+    session->clock().tell("The terrain file was saved with errors; this is the ground from before. " + terrain.error().message);
     return;
   }
   if (terrain::contentHash(**terrain) == session->contentHash()) return;

@@ -130,7 +130,7 @@ void CameraSession::receive(wire::ClientMessage message) {
 }
 
 CameraSession::Refusal CameraSession::attend(const wire::ClockStep& step) {
-  switch (session_->presence().step(id_, step)) {
+  switch (session_->clock().step(id_, step)) {
     case session::Clock::Stepped::kBegins:
     case session::Clock::Stepped::kQueues:
     case session::Clock::Stepped::kNotYours:  // answered with the clock, which names its owner

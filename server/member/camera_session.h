@@ -54,6 +54,7 @@ class CameraSession final : public session::LiveCamera, public std::enable_share
   Refusal attend(const wire::Edit& edit);
   Refusal attend(const auto& message) {
     if constexpr (requires { session_->presence().receive(id_, message); }) session_->presence().receive(id_, message);
+    if constexpr (requires { session_->clock().receive(id_, message); }) session_->clock().receive(id_, message);
     return {};
   }
   void tellEdits();  // under the lock: those that this client was not told of, if it wants them

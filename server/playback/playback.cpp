@@ -65,13 +65,13 @@ struct Playback::State {
   }
 
   void play(const session::Session& in, const wire::Clock& clock) const {
-    in.presence().play(clock, [to = backTo](std::uint64_t time) { *to = time; });
+    in.clock().play(clock, [to = backTo](std::uint64_t time) { *to = time; });
   }
 
   void goBack(std::uint64_t time) {
     auto begun = Reader::open(parts);
     if (!begun) return logging::warning({.session = session->name()}, begun.error().message);
-    wire::Clock clock = session->presence().state().clock;
+    wire::Clock clock = session->clock().state();
     clock.time = time;
     const auto before = session;
     if (!directory->replace(before, terrain, [&](const session::Session& successor) { play(successor, clock); })) return;
@@ -82,7 +82,7 @@ struct Playback::State {
 
   // To the clock's time.
   void advance(const std::stop_token& stop) {
-    const auto now = static_cast<std::int64_t>(session->presence().state().clock.time);
+    const auto now = static_cast<std::int64_t>(session->clock().time());
     while (next && next->time <= now && *openEdits < kMaxEdits && !stop.stop_requested()) {
       std::visit([this](const auto& e) { take(e); }, next->event);
       next = reader->next();

@@ -61,7 +61,8 @@ Session::Session(std::string name, std::shared_ptr<const terrain::Terrain> terra
       members_(std::make_shared<std::atomic<std::uint32_t>>(0)),
       quota_(std::move(quota)),
       observer_(beginRecording(*resources_, name_, spec_, *terrain, contentHash_, kept)),
-      presence_(std::make_shared<Presence>(*resources_->timer, spec_.clock, observer_)),
+      clock_(std::make_shared<SessionClock>(*resources_->timer, spec_.clock, observer_)),
+      presence_(std::make_shared<Presence>(*resources_->timer, clock_)),
       edits_(std::make_shared<Edits>(
           std::move(terrain), *resources_->executor, resources_->writer(), resources_->editSpace,
           [live = live_] {

@@ -22,6 +22,7 @@
 #include "server/session/live_cameras.h"
 #include "server/session/presence.h"
 #include "server/session/resources.h"
+#include "server/session/session_clock.h"
 #include "server/session/world_spec.h"
 
 namespace ridgecast::session {
@@ -53,6 +54,7 @@ class Session {
   const Resources& resources() const { return *resources_; }
   std::uint32_t members() const { return *members_ & ~kEnded; }
   Presence& presence() const { return *presence_; }
+  SessionClock& clock() const { return *clock_; }
   LiveCameras& live() const { return *live_; }
   recording::Observer* observer() const { return observer_.get(); }  // null: it is not recorded
   // Tells the observer, of what happens now.
@@ -85,6 +87,7 @@ class Session {
   std::shared_ptr<std::atomic<std::uint32_t>> members_;
   std::shared_ptr<CameraQuota> quota_;
   std::shared_ptr<recording::Observer> observer_;
+  std::shared_ptr<SessionClock> clock_;
   std::shared_ptr<Presence> presence_;
   std::shared_ptr<LiveCameras> live_ = std::make_shared<LiveCameras>();
   std::shared_ptr<Edits> edits_;

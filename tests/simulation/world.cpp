@@ -207,7 +207,7 @@ bool World::knowsAll(const Member& member) const {
 }
 
 bool World::rests(const Member& member) const {
-  return knowsAll(member) && server_->session(member.session())->presence().state().clock.waitsFor.empty();
+  return knowsAll(member) && server_->session(member.session())->clock().state().waitsFor.empty();
 }
 
 Duration World::between(int least, int most) {
@@ -300,13 +300,13 @@ void World::start() {
 void World::judge() {
   EXPECT_TRUE(!server_->isUp() || server_->runs() || timer_.now() - fellAt_ < 3s) << "the next server does not take the default session";
   if (!server_->runs()) return;
-  const wire::Clock clock = server_->session()->presence().state().clock;
+  const wire::Clock clock = server_->session()->clock().state();
   if (clock.step != step_ || clock.waitsFor.empty() || fell_) {
     fell_ = false;
     step_ = clock.step;
     stepSeen_ = timer_.now();
   }
-  EXPECT_LE(timer_.now() - stepSeen_, session::Presence::kStepTimeout + 4s) << "step " << step_ << " waits";
+  EXPECT_LE(timer_.now() - stepSeen_, session::SessionClock::kStepTimeout + 4s) << "step " << step_ << " waits";
   for (const auto& member : members_) member->judgeWait();
 }
 

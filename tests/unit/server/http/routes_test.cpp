@@ -202,7 +202,7 @@ TEST_F(WorldsTest, AUrlMakesAWorldOrJoinsIt) {
 TEST_F(WorldsTest, AUrlSaysHowTheClockBegins) {
   const Replied made = connect("/v1/stream?session=lab&terrain=canyon&clock=stepped");
   ASSERT_EQ(made.status, 101u);
-  const wire::Clock clock = made.upgradeTo->presence().state().clock;
+  const wire::Clock clock = made.upgradeTo->clock().state();
   EXPECT_EQ(clock.mode, wire::ClockMode::kStepped);
   EXPECT_EQ(clock.time, 0u);
   for (const char* same : {"/v1/stream?session=lab", "/v1/stream?session=lab&clock=stepped", "/v1/stream?session=lab&clock="})
@@ -212,15 +212,14 @@ TEST_F(WorldsTest, AUrlSaysHowTheClockBegins) {
   EXPECT_EQ(other.body, "Session 'lab' began with clock=stepped; leave clock=real-time out to join it, or choose another name.\n");
   EXPECT_EQ(connect("/v1/stream?clock=stepped").status, 409u) << "the default session's runs";
   EXPECT_EQ(connect("/v1/stream?clock=real-time").status, 101u);
-  EXPECT_EQ(connect("/v1/stream?session=usual&terrain=canyon&clock=real-time").upgradeTo->presence().state().clock.mode,
-            wire::ClockMode::kRealTime);
+  EXPECT_EQ(connect("/v1/stream?session=usual&terrain=canyon&clock=real-time").upgradeTo->clock().state().mode, wire::ClockMode::kRealTime);
   EXPECT_EQ(connect("/v1/stream?session=none&clock=stepped").status, 404u) << "a clock makes no world";
   // What its members do with it later is no reason to keep out who comes again.
   made.upgradeTo->presence().join(1, {}, std::make_shared<NoSender>(), {});
-  made.upgradeTo->presence().receive(1, wire::SetClock{true, wire::ClockMode::kRealTime, 1});
+  made.upgradeTo->clock().receive(1, wire::SetClock{true, wire::ClockMode::kRealTime, 1});
   EXPECT_EQ(connect("/v1/stream?session=lab&clock=stepped").upgradeTo, made.upgradeTo);
   ASSERT_TRUE(directory->replace(made.upgradeTo, made.upgradeTo->terrain()));
-  EXPECT_EQ(directory->find("lab")->presence().state().clock.mode, wire::ClockMode::kStepped) << "a successor begins in the same way";
+  EXPECT_EQ(directory->find("lab")->clock().state().mode, wire::ClockMode::kStepped) << "a successor begins in the same way";
 }
 
 TEST_F(WorldsTest, WhatIsNoWorldIsSaidInASentence) {

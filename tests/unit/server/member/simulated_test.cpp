@@ -51,7 +51,8 @@ SimulatedTimer& simulateTime(Resources& resources) {
 
 TEST(Simulated, AMemberIsNotifiedTwentyTimesASecondAndOfTheLastPose) {
   SimulatedTimer timer;
-  const auto presence = std::make_shared<Presence>(timer);
+  const auto clock = std::make_shared<SessionClock>(timer);
+  const auto presence = std::make_shared<Presence>(timer, clock);
   wire::Hello hello;
   hello.members = true;
   const auto watcher = std::make_shared<Watcher>(timer), other = std::make_shared<Watcher>(timer);
@@ -75,7 +76,8 @@ TEST(Simulated, AMemberIsNotifiedTwentyTimesASecondAndOfTheLastPose) {
 
 TEST(Simulated, NewsOfMembersTakeAQuarterOfABudgetOfBytes) {
   SimulatedTimer timer;
-  const auto presence = std::make_shared<Presence>(timer);
+  const auto clock = std::make_shared<SessionClock>(timer);
+  const auto presence = std::make_shared<Presence>(timer, clock);
   wire::Hello hello;
   hello.members = true;
   const auto watcher = std::make_shared<Watcher>(timer), other = std::make_shared<Watcher>(timer);
@@ -109,11 +111,12 @@ TEST(Simulated, AllMembersFitIntoOneMessage) {
 
 TEST(Simulated, TheClockIsTheTimers) {
   SimulatedTimer timer;
-  const auto presence = std::make_shared<Presence>(timer);
+  const auto clock = std::make_shared<SessionClock>(timer);
+  const auto presence = std::make_shared<Presence>(timer, clock);
   const auto watcher = std::make_shared<Watcher>(timer);
   presence->join(1, {}, watcher, {});
   timer.advance(36h);
-  presence->receive(1, wire::AskClock{7});
+  clock->receive(1, wire::AskClock{7});
   ASSERT_EQ(watcher->clocks.size(), 1u);
   EXPECT_EQ(watcher->clocks[0].time, std::uint64_t{36} * 3600 * 1'000'000);
   EXPECT_EQ(watcher->clocks[0].echo, 7u);
@@ -126,51 +129,52 @@ struct Stepping {
     hello.clock = true;
     for (const auto& [id, watcher] : {std::pair(1u, owner), std::pair(2u, slow), std::pair(3u, other)})
       presence->join(id, hello, watcher, {});
-    presence->receive(1, wire::SetClock{true, wire::ClockMode::kStepped, 0});
+    clock->receive(1, wire::SetClock{true, wire::ClockMode::kStepped, 0});
   }
   SimulatedTimer timer;
-  const std::shared_ptr<Presence> presence = std::make_shared<Presence>(timer);
+  const std::shared_ptr<SessionClock> clock = std::make_shared<SessionClock>(timer);
+  const std::shared_ptr<Presence> presence = std::make_shared<Presence>(timer, clock);
   const std::shared_ptr<Watcher> owner = std::make_shared<Watcher>(timer), slow = std::make_shared<Watcher>(timer),
                                  other = std::make_shared<Watcher>(timer);
 };
-std::vector<std::uint64_t> waitedFor(const Stepping& s) { return s.presence->state().clock.waitsFor; }
+std::vector<std::uint64_t> waitedFor(const Stepping& s) { return s.clock->state().waitsFor; }
 using testing::HasSubstr;
 
 TEST(Simulated, AStepByAnotherMemberIsAnsweredWithASentence) {
   Stepping s;
-  EXPECT_EQ(s.presence->step(2, {10, false}), Clock::Stepped::kNotYours);
+  EXPECT_EQ(s.clock->step(2, {10, false}), Clock::Stepped::kNotYours);
   EXPECT_THAT(s.slow->clocks.back().notice, HasSubstr("belongs to member 1"));
-  s.presence->receive(2, wire::SetClock{true, wire::ClockMode::kRealTime, 1});
+  s.clock->receive(2, wire::SetClock{true, wire::ClockMode::kRealTime, 1});
   EXPECT_THAT(s.slow->clocks.back().notice, HasSubstr("belongs to member 1"));
-  s.presence->receive(2, wire::AskClock{3});
+  s.clock->receive(2, wire::AskClock{3});
   EXPECT_EQ(s.slow->clocks.back().notice, "");
   s.presence->leave(1);
-  EXPECT_EQ(s.presence->step(2, {10, false}), Clock::Stepped::kNotYours);
+  EXPECT_EQ(s.clock->step(2, {10, false}), Clock::Stepped::kNotYours);
   EXPECT_THAT(s.slow->clocks.back().notice, HasSubstr("Nobody owns the clock"));
 }
 
 TEST(Simulated, AMemberThatNeverSaysDoneIsPassedOverAndTold) {
   Stepping s;
-  s.presence->step(1, {10, true});
-  s.presence->step(1, {10, true});
-  s.presence->receive(3, wire::StepDone{1});
+  s.clock->step(1, {10, true});
+  s.clock->step(1, {10, true});
+  s.clock->receive(3, wire::StepDone{1});
   s.timer.advance(29s);
   EXPECT_EQ(waitedFor(s), std::vector<std::uint64_t>{2});
   s.timer.advance(1s);
-  EXPECT_EQ(s.presence->state().clock.step, 2u) << "one member stops all";
+  EXPECT_EQ(s.clock->state().step, 2u) << "one member stops all";
   EXPECT_EQ(waitedFor(s), std::vector<std::uint64_t>{3}) << "a member that was passed over is waited for no longer";
   for (const auto& told : {s.slow, s.owner}) EXPECT_THAT(told->clocks.back().notice, HasSubstr("Member 2 was passed over at step 1"));
   EXPECT_EQ(s.other->clocks.back().notice, "");
   s.timer.advance(20s);
   EXPECT_EQ(waitedFor(s), std::vector<std::uint64_t>{3}) << "each step has its own time";
-  s.presence->receive(2, wire::StepDone{2});
-  s.presence->receive(3, wire::StepDone{2});
-  s.presence->step(1, {10, true});
+  s.clock->receive(2, wire::StepDone{2});
+  s.clock->receive(3, wire::StepDone{2});
+  s.clock->step(1, {10, true});
   EXPECT_EQ(waitedFor(s), (std::vector<std::uint64_t>{2, 3})) << "done with the newest step, it follows again";
   for (std::uint64_t k = 3; k < 1000; ++k) {
-    s.presence->receive(2, wire::StepDone{k});
-    s.presence->receive(3, wire::StepDone{k});
-    s.presence->step(1, {10, true});
+    s.clock->receive(2, wire::StepDone{k});
+    s.clock->receive(3, wire::StepDone{k});
+    s.clock->step(1, {10, true});
     s.timer.advance(1ms);
   }
   EXPECT_LE(s.timer.pending(), 1u) << "one call at a time, however many steps";
@@ -178,17 +182,17 @@ TEST(Simulated, AMemberThatNeverSaysDoneIsPassedOverAndTold) {
 
 TEST(Simulated, TheOwnerRemovesWhoIsNotDone) {
   Stepping s;
-  s.presence->step(1, {10, true});
-  s.presence->receive(2, wire::PassOver{3});
+  s.clock->step(1, {10, true});
+  s.clock->receive(2, wire::PassOver{3});
   EXPECT_EQ(waitedFor(s), (std::vector<std::uint64_t>{2, 3})) << "only the owner may";
   EXPECT_THAT(s.slow->clocks.back().notice, HasSubstr("belongs to member 1"));
-  s.presence->receive(1, wire::PassOver{99});
+  s.clock->receive(1, wire::PassOver{99});
   EXPECT_THAT(s.owner->clocks.back().notice, HasSubstr("No step waits for member 99"));
-  s.presence->receive(1, wire::PassOver{2});
+  s.clock->receive(1, wire::PassOver{2});
   EXPECT_EQ(waitedFor(s), std::vector<std::uint64_t>{3});
   EXPECT_THAT(s.slow->clocks.back().notice, HasSubstr("passed over at step 1"));
-  s.presence->receive(3, wire::StepDone{1});
-  s.presence->step(1, {10, true});
+  s.clock->receive(3, wire::StepDone{1});
+  s.clock->step(1, {10, true});
   EXPECT_EQ(waitedFor(s), std::vector<std::uint64_t>{3});
 }
 

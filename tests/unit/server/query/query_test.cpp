@@ -331,7 +331,7 @@ TEST_F(QueryHttpTest, MakesASessionAsAStreamDoes) {
   ASSERT_TRUE(race);
   EXPECT_EQ(race->terrain()->name(), "canyon");
   EXPECT_EQ(race->terrain()->seed(), 7u);
-  EXPECT_EQ(race->presence().state().clock.mode, wire::ClockMode::kStepped);
+  EXPECT_EQ(race->clock().state().mode, wire::ClockMode::kStepped);
   EXPECT_GT(race->uses(), 0u) << "it lives as long as any";
   EXPECT_EQ(get("/v1/heights?at=10,20&at=-3000,4&session=race").body, made.body);
   EXPECT_EQ(post("/v1/heights?" + world, R"({"at": [[10, 20], [-3000, 4]]})", kJson).body, made.body);

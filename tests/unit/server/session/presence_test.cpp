@@ -75,19 +75,20 @@ wire::PoseMessage pose(std::uint64_t sequence, double y = 1) {
 
 class PresenceTest : public testing::Test {
  protected:
-  std::shared_ptr<Listener> join(std::uint64_t id, const std::string& name = "somebody", bool members = true, bool clock = true,
+  std::shared_ptr<Listener> join(std::uint64_t id, const std::string& name = "somebody", bool members = true, bool follows = true,
                                  wire::Role role = wire::Role::kViewer) {
     auto listener = std::make_shared<Listener>();
     wire::Hello hello;
     hello.clientName = name;
     hello.members = members;
-    hello.clock = clock;
+    hello.clock = follows;
     hello.role = role;
     presence->join(id, hello, listener, {});
     return listener;
   }
   SteadyTimer timer;
-  std::shared_ptr<Presence> presence = std::make_shared<Presence>(timer);
+  std::shared_ptr<SessionClock> clock = std::make_shared<SessionClock>(timer);
+  std::shared_ptr<Presence> presence = std::make_shared<Presence>(timer, clock);
 };
 
 TEST_F(PresenceTest, MembersSeeEachOtherComeMoveAndGo) {
@@ -140,8 +141,8 @@ TEST_F(PresenceTest, ARecordingsMemberHasNoSenderAndIsToldNothing) {
   wire::Hello hello;
   hello.clock = true;
   presence->join(1, hello, nullptr, {});
-  presence->receive(1, wire::AskClock{});
-  presence->receive(1, wire::SetClock{});
+  clock->receive(1, wire::AskClock{});
+  clock->receive(1, wire::SetClock{});
   const auto other = join(2);
   EXPECT_TRUE(other->wait([](Listener& l) { return l.table.contains(1); }));
 }
@@ -173,50 +174,50 @@ TEST_F(PresenceTest, ForASlowMemberChangesMerge) {
 
 TEST_F(PresenceTest, TheClockIsToldToThoseWhoFollowAndToThoseWhoAsk) {
   const auto owner = join(1, "owner"), follower = join(2, "follower"), asks = join(3, "asks", false, false);
-  presence->receive(1, wire::SetClock{true, wire::ClockMode::kStepped, 0});
-  const std::uint64_t before = presence->state().clock.time;
-  EXPECT_EQ(presence->step(1, {20'000, true}), Clock::Stepped::kBegins);
+  clock->receive(1, wire::SetClock{true, wire::ClockMode::kStepped, 0});
+  const std::uint64_t before = clock->state().time;
+  EXPECT_EQ(clock->step(1, {20'000, true}), Clock::Stepped::kBegins);
   ASSERT_TRUE(follower->wait([](Listener& l) { return !l.clocks.empty() && l.clocks.back().step == 1; }));
   EXPECT_EQ(follower->clocks.back().owner, 1u);
   EXPECT_EQ(follower->clocks.back().time, before + 20'000);
   EXPECT_EQ(follower->clocks.back().waitsFor, std::vector<std::uint64_t>{2});
-  presence->receive(2, wire::StepDone{1});
+  clock->receive(2, wire::StepDone{1});
   EXPECT_TRUE(owner->wait([](Listener& l) { return l.clocks.back().step == 1 && l.clocks.back().waitsFor.empty(); }));
   EXPECT_TRUE(asks->clocks.empty());
-  presence->receive(3, wire::AskClock{99});
+  clock->receive(3, wire::AskClock{99});
   ASSERT_EQ(asks->clocks.size(), 1u);
   EXPECT_EQ(asks->clocks[0].echo, 99u);
-  presence->receive(2, wire::SetClock{true, wire::ClockMode::kRealTime, 1});
+  clock->receive(2, wire::SetClock{true, wire::ClockMode::kRealTime, 1});
   EXPECT_EQ(follower->clocks.back().owner, 1u) << "the answer says whose it is";
-  EXPECT_EQ(presence->step(3, {1, false}), Clock::Stepped::kNotYours);
+  EXPECT_EQ(clock->step(3, {1, false}), Clock::Stepped::kNotYours);
   EXPECT_EQ(presence->state().ownerName, "owner");
   presence->leave(1);
-  EXPECT_EQ(presence->state().clock.owner, 0u);
-  EXPECT_EQ(presence->state().clock.mode, wire::ClockMode::kStepped);
+  EXPECT_EQ(clock->state().owner, 0u);
+  EXPECT_EQ(clock->state().mode, wire::ClockMode::kStepped);
 }
 
 TEST_F(PresenceTest, TimeGoesBackInRecordingsAlone) {
   const auto owner = join(1, "owner");
-  presence->receive(1, wire::SetClock{true, wire::ClockMode::kStepped, 0, 50'000'000});
-  presence->receive(1, wire::SetClock{true, wire::ClockMode::kStepped, 0, 20'000'000});
+  clock->receive(1, wire::SetClock{true, wire::ClockMode::kStepped, 0, 50'000'000});
+  clock->receive(1, wire::SetClock{true, wire::ClockMode::kStepped, 0, 20'000'000});
   ASSERT_TRUE(owner->wait([](Listener& l) { return !l.clocks.empty() && !l.clocks.back().notice.empty(); }));
   EXPECT_EQ(owner->clocks.back().notice, "Time goes back only in recordings.");
-  presence->receive(1, wire::SetClock{true, wire::ClockMode::kStepped, 0, wire::kMaxTime});
+  clock->receive(1, wire::SetClock{true, wire::ClockMode::kStepped, 0, wire::kMaxTime});
   ASSERT_TRUE(owner->wait([](Listener& l) { return l.clocks.back().notice.starts_with("A jump"); }));
   EXPECT_EQ(owner->clocks.back().time, 50'000'000u);
-  EXPECT_EQ(presence->state().clock.time, 50'000'000u);
+  EXPECT_EQ(clock->state().time, 50'000'000u);
   std::vector<std::uint64_t> wanted;
   wire::Clock recording;
   recording.time = 60'000'000;
   recording.end = 90'000'000;
-  presence->play(recording, [&](std::uint64_t time) { wanted.push_back(time); });
+  clock->play(recording, [&](std::uint64_t time) { wanted.push_back(time); });
   ASSERT_TRUE(owner->wait([](Listener& l) { return l.clocks.back().end == 90'000'000; }));
-  presence->receive(2, wire::SetClock{true, wire::ClockMode::kStepped, 0, 10});
-  presence->receive(1, wire::SetClock{true, wire::ClockMode::kStepped, 0, 70'000'000});
+  clock->receive(2, wire::SetClock{true, wire::ClockMode::kStepped, 0, 10});
+  clock->receive(1, wire::SetClock{true, wire::ClockMode::kStepped, 0, 70'000'000});
   EXPECT_TRUE(wanted.empty());
-  presence->receive(1, wire::SetClock{true, wire::ClockMode::kStepped, 0, 30'000'000});
+  clock->receive(1, wire::SetClock{true, wire::ClockMode::kStepped, 0, 30'000'000});
   EXPECT_EQ(wanted, std::vector<std::uint64_t>{30'000'000});
-  EXPECT_EQ(presence->state().clock.time, 70'000'000u) << "nobody here sees time go back";
+  EXPECT_EQ(clock->state().time, 70'000'000u) << "nobody here sees time go back";
   for (std::size_t k = 1; k < owner->clocks.size(); ++k) EXPECT_GE(owner->clocks[k].time, owner->clocks[k - 1].time);
 }
 
@@ -224,9 +225,9 @@ TEST_F(PresenceTest, StepsMergeForAMemberThatDoesNotReadAndOnesThatWaitArrive) {
   join(1, "owner");
   const auto slow = join(2, "slow", false);
   slow->reads = false;
-  presence->receive(1, wire::SetClock{true, wire::ClockMode::kStepped, 0});
-  for (int k = 0; k < 1000; ++k) presence->step(1, {1, false});
-  presence->step(1, {1, true});
+  clock->receive(1, wire::SetClock{true, wire::ClockMode::kStepped, 0});
+  for (int k = 0; k < 1000; ++k) clock->step(1, {1, false});
+  clock->step(1, {1, true});
   std::this_thread::sleep_for(30ms);
   EXPECT_LE(slow->clocks.size(), 3u);
   slow->readOn();
@@ -241,8 +242,8 @@ TEST_F(PresenceTest, ManyThreadsAtOnceEndInOneTable) {
       for (std::uint64_t round = 0; round < 50; ++round) {
         const auto me = join(t * 100 + round);
         for (std::uint64_t k = 1; k < 20; ++k) presence->receive(t * 100 + round, pose(k));
-        presence->receive(t * 100 + round, wire::SetClock{true, wire::ClockMode::kStepped, 0});
-        presence->step(t * 100 + round, {1, true});
+        clock->receive(t * 100 + round, wire::SetClock{true, wire::ClockMode::kStepped, 0});
+        clock->step(t * 100 + round, {1, true});
         if (round % 2 == 0) presence->leave(t * 100 + round);
       }
     });

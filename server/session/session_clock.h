@@ -1,0 +1,92 @@
+#pragma once
+// A session's clock and its members: takes what they say to it, and notifies those that follow it.
+//
+// A member that follows the clock is sent the current state once its previous message has left. A step that waits for a member always
+// reaches it.
+//
+// A member that is not done with a step kStepTimeout after it began is passed over, as is one that the clock's owner names. That member and
+// the owner get one sentence about it, as does a member whose message to the clock has no effect.
+//
+// Setting a recording's clock back starts a successor session at that time; time never runs backwards within a session.
+//
+// Any thread. Messages are handed to the members' senders under a lock; senders do not call back. Bound: one entry a member.
+
+#include <chrono>
+#include <cstdint>
+#include <functional>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+
+#include "common/wire/messages.h"
+#include "server/recording/events.h"
+#include "server/session/clock.h"
+#include "server/session/sender.h"
+#include "server/session/timer.h"
+
+namespace ridgecast::session {
+
+class SessionClock : public std::enable_shared_from_this<SessionClock> {
+ public:
+  static constexpr std::chrono::milliseconds kRetry{5};  // while the last message to a member has not left
+  static constexpr std::chrono::seconds kStepTimeout{30};
+
+  // `timer` must outlive this. `mode`: how the clock begins, in real time or stepped. `observer`: told of changes; null: nobody.
+  explicit SessionClock(const Timer& timer, wire::ClockMode mode = wire::ClockMode::kRealTime,
+                        std::shared_ptr<recording::Observer> observer = {});
+
+  // The session is a recording: its clock has this time, mode, rate and end. `goBack` is called with the time, in microseconds, that its
+  // owner wants to go back to; it does not call back.
+  void play(const wire::Clock& recording, std::function<void(std::uint64_t time)> goBack);
+
+  // Presence calls both. `world`, if any, is sent first: steps wait for each client that has received it and follows the clock.
+  void join(std::uint64_t camera, const wire::Hello& hello, std::shared_ptr<Sender> sender, std::optional<wire::World> world);
+  void leave(std::uint64_t camera);
+
+  // Unknown members are ignored, here and below.
+  void receive(std::uint64_t camera, const wire::AskClock& ask);
+  // Answers with the resulting clock, changed or not.
+  void receive(std::uint64_t camera, const wire::SetClock& set);
+  Clock::Stepped step(std::uint64_t camera, const wire::ClockStep& step);
+  void receive(std::uint64_t camera, const wire::StepDone& done);
+  void receive(std::uint64_t camera, const wire::PassOver& pass);
+
+  // A sentence for the people at this member, or at all members with `members` or `clock` in hello, as Clock.notice; cut to
+  // wire::kMaxErrorBytes.
+  void tell(std::string sentence);
+  void tell(std::uint64_t camera, std::string sentence);
+
+  wire::Clock state() const;
+  std::uint64_t time() const;  // microseconds
+
+ private:
+  struct Entry {
+    std::shared_ptr<Sender> sender;
+    bool follows = false, hears = false;  // the clock; sentences to all
+    bool isStale = false;                 // the last message said another state
+    std::weak_ptr<const void> waiting;    // that message, until it has left
+  };
+
+  void changed();  // under the lock, as all below
+  void note() const;
+  void notify();
+  void send(Entry& entry, std::uint64_t echo, std::string notice = {});
+  std::string whyNotYours() const;
+  void watchStep();
+  void passOverLate();
+  bool passOver(std::uint64_t camera, const std::string& why);  // false: no step waits for it anyway
+
+  const Timer& timer_;
+  const std::shared_ptr<recording::Observer> observer_;
+  mutable std::mutex mutex_;
+  std::map<std::uint64_t, Entry> entries_;
+  Alarm notifyAlarm_, stepAlarm_;
+  Clock clock_;
+  std::function<void(std::uint64_t time)> goBack_;  // of a recording
+  std::uint64_t watchedStep_ = 0;
+  Timer::Time stepBegan_{};  // that one
+};
+
+}  // namespace ridgecast::session
