@@ -95,6 +95,9 @@ class Bus {
   // it; 0: a new holder, who succeeds only if there is none. Error: one sentence; the engine is away.
   virtual void hold(const std::string& key, std::string value, std::uint64_t epoch, std::chrono::milliseconds life,
                     std::function<void(Outcome<Held>)> done) = 0;
+  // Makes the caller the next holder of the record if `epoch` is its own: value and life stay, and earlier holders' writes are refused, so
+  // that nothing written is lost in between. Not yours: another took it, or it has ended (then its epoch is 0). Error: as hold().
+  virtual void take(const std::string& key, std::uint64_t epoch, std::function<void(Outcome<Held>)> done) = 0;
   // Ends the record, if it has this epoch.
   virtual void drop(const std::string& key, std::uint64_t epoch) = 0;
   // All whose key begins with this. Error: as hold().
@@ -127,6 +130,7 @@ class Alone final : public Bus {
             std::function<void(Outcome<Held>)> done) override {
     done(Held{true, {std::move(value), 1}});
   }
+  void take(const std::string&, std::uint64_t, std::function<void(Outcome<Held>)> done) override { done(Held{}); }
   void drop(const std::string&, std::uint64_t) override {}
   void list(const std::string&, std::function<void(Outcome<std::map<std::string, Record>>)> done) override {
     done(std::map<std::string, Record>());

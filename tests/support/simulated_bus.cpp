@@ -257,6 +257,14 @@ struct SimulatedEngine::State : std::enable_shared_from_this<State> {
     kept.until = life.count() > 0 ? std::optional(timer.now() + life) : std::nullopt;
     return Bus::Held{true, kept.record};
   }
+  Outcome<Bus::Held> take(const std::string& key, std::uint64_t epoch) {
+    ++traffic.holds;
+    if (isFull) return Error{"The engine has no room; give it more."};
+    Kept* const there = standing(key);
+    if (!there || there->record.epoch != epoch) return Bus::Held{false, there ? there->record : Record()};
+    there->record.epoch = ++epochs[key];
+    return Bus::Held{true, there->record};
+  }
 };
 
 class SimulatedEngine::Connection final : public Bus {
@@ -329,6 +337,9 @@ class SimulatedEngine::Connection final : public Bus {
             std::function<void(Outcome<Held>)> done) override {
     ask<Held>([s = state_.get(), key, value = std::move(value), epoch, life]() mutable { return s->hold(key, value, epoch, life); },
               std::move(done));
+  }
+  void take(const std::string& key, std::uint64_t epoch, std::function<void(Outcome<Held>)> done) override {
+    ask<Held>([s = state_.get(), key, epoch] { return s->take(key, epoch); }, std::move(done));
   }
   void drop(const std::string& key, std::uint64_t epoch) override {
     const std::lock_guard lock(state_->mutex);

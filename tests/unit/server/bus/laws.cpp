@@ -276,6 +276,24 @@ TEST_P(LawsOfTheBus, LetOneHoldARecord) {
   EXPECT_EQ(hold(*b, "key", "b", 2)->record, (Record{"b", 2}));
 }
 
+TEST_P(LawsOfTheBus, PassARecordOnAsItIs) {
+  const auto a = connect(), b = connect();
+  EXPECT_EQ(take(*b, "key", 1)->record, Record()) << "there is none";
+  ASSERT_TRUE(hold(*a, "key", "a", 0)->isYours);
+  EXPECT_EQ(take(*b, "key", 2)->record, (Record{"a", 1})) << "a wrong epoch";
+  const auto taken = take(*b, "key", 1);
+  EXPECT_TRUE(taken->isYours);
+  EXPECT_EQ(taken->record, (Record{"a", 2}));
+  EXPECT_FALSE(take(*a, "key", 1)->isYours) << "one of two";
+  const auto late = hold(*a, "key", "late", 1);
+  EXPECT_FALSE(late->isYours);
+  EXPECT_EQ(late->record, taken->record);
+  EXPECT_TRUE(hold(*b, "key", "b", 2)->isYours);
+  ASSERT_TRUE(hold(*a, "brief", "a", 0, 300ms)->isYours);
+  ASSERT_TRUE(take(*b, "brief", 1));
+  EXPECT_TRUE(await([&] { return list(*a, "brief")->empty(); })) << "its life is what it was";
+}
+
 TEST_P(LawsOfTheBus, LetARecordLiveForItsLife) {
   const auto a = connect(), b = connect();
   EXPECT_TRUE(hold(*a, "forever", "f", 0, 0ms)->isYours);

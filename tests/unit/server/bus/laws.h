@@ -134,6 +134,12 @@ class LawsOfTheBus : public testing::TestWithParam<std::function<std::unique_ptr
     EXPECT_TRUE(await([&] { return answer.has(); }));
     return answer.get();
   }
+  Outcome<Bus::Held> take(Bus& bus, const std::string& key, std::uint64_t epoch) const {
+    const Answer<Outcome<Bus::Held>> answer;
+    bus.take(key, epoch, answer.take());
+    EXPECT_TRUE(await([&] { return answer.has(); }));
+    return answer.get();
+  }
   Outcome<std::map<std::string, Record>> list(Bus& bus, const std::string& prefix) const {
     const Answer<Outcome<std::map<std::string, Record>>> answer;
     bus.list(prefix, answer.take());
