@@ -38,7 +38,7 @@ class Budget {
   Clock::time_point free_{};
 };
 
-// Spent by all connections of a client. Any thread.
+// Spent by all connections of a client, also on other servers. Any thread.
 class SharedBudget {
  public:
   explicit SharedBudget(std::uint64_t perSecond) : budget_(perSecond) {}
@@ -53,11 +53,30 @@ class SharedBudget {
   void spend(Budget::Clock::time_point now, std::uint64_t amount) {
     const std::lock_guard lock(mutex_);
     budget_.spend(now, amount);
+    spent_ += amount;
+  }
+  // Spent on another server.
+  void charge(Budget::Clock::time_point now, std::uint64_t amount) {
+    const std::lock_guard lock(mutex_);
+    budget_.spend(now, amount);
+  }
+  // Whether spend() has spent what matters since takeSpent(): a hundredth of a second's amount.
+  bool hasSpent() const {
+    const std::lock_guard lock(mutex_);
+    return hasSpentNow();
+  }
+  // What it has, if that matters.
+  std::uint64_t takeSpent() {
+    const std::lock_guard lock(mutex_);
+    return hasSpentNow() ? std::exchange(spent_, 0) : 0;
   }
 
  private:
+  bool hasSpentNow() const { return spent_ > budget_.rate() / 100; }  // under the lock
+
   mutable std::mutex mutex_;
   Budget budget_;
+  std::uint64_t spent_ = 0;
 };
 
 // Limits how fast one client's iterations leave, by their bytes. A slow connection postpones detail: an iteration may insert as many

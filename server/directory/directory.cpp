@@ -1,6 +1,8 @@
 #include "server/directory/directory.h"
 
 #include <algorithm>
+#include <set>
+#include <stdexcept>
 
 #include "common/outcome/contract.h"
 #include "common/wire/wire.h"
@@ -13,9 +15,14 @@ Directory::Directory(std::shared_ptr<const session::Resources> resources, std::s
     : resources_(std::move(resources)),
       quota_(std::make_shared<session::CameraQuota>(resources_->limits.maxCameras, resources_->limits.maxTotalTriangles)),
       reservations_(resources_->state),
-      default_{std::move(defaultTerrain), std::move(defaultParameters)} {
+      default_{std::move(defaultTerrain), std::move(defaultParameters)},
+      worlds_(resources_->bus, kGrace + resources_->limits.sessionIdle) {
   expects(resources_->executor && default_.terrain, "a server has threads, and a terrain to begin with");
-  if (auto added = addDefault(); !added && !reservations_.isElsewhere(std::string(kDefaultName))) added.value();
+  const bool isElsewhere = reservations_.isElsewhere(std::string(kDefaultName));
+  if (isShared() && isElsewhere)
+    throw std::runtime_error("Another server uses the folder '" + resources_->state.string() +
+                             "'; each server with --shared has a --state folder of its own.");
+  if (auto added = addDefault(); !added && !isElsewhere) added.value();
 }
 
 Outcome<std::shared_ptr<session::Session>> Directory::addDefault() {
@@ -64,6 +71,8 @@ Outcome<std::shared_ptr<session::Session>> Directory::add(const std::string& nam
   auto reservation = reserve(name);
   if (!reservation) return reservation.error();
   if (!*reservation) return Error{"There is a session named '" + name + "' already; choose another name."};
+  expects(!isShared() || name == kDefaultName, "a name that servers share is claimed before it is added");
+  if (isShared()) (*reservation)->claim({defaultWorld(*terrain, parameters), 0});
   return add(std::move(*reservation), std::move(terrain), std::move(parameters), std::move(maker), clock);
 }
 
@@ -72,15 +81,16 @@ Outcome<std::shared_ptr<session::Session>> Directory::add(std::unique_ptr<Reserv
                                                           std::vector<std::pair<std::string, double>> parameters, std::string maker,
                                                           wire::ClockMode clock) {
   const std::string& name = reservation->name();
-  expects(terrain != nullptr, "a session has a terrain");
+  expects(terrain && (!isShared() || reservation->claimed()), "a session has a terrain, and its name on all servers");
+  const auto claimed = reservation->claimed().value_or(SharedWorlds::Standing{});
   std::sort(parameters.begin(), parameters.end());
   session::WorldSpec spec{std::string(terrain->name()), terrain->seed(), std::move(parameters), clock};
   auto kept = reservation->keep({spec.terrain, spec.seed, spec.parameters, terrain::contentHash(*terrain)}, terrain);
   if (!kept) return kept.error();
   auto session = std::make_shared<session::Session>(name, std::move(terrain), std::move(spec), resources_, quota_, std::move(*kept));
   const std::lock_guard lock(mutex_);
-  if (auto full = fullFor(maker)) return Error{std::move(full->sentence)};
-  const bool isNew = sessions_.emplace(name, Kept{session, std::move(maker), 0, {}}).second;
+  if (auto full = fullFor(name, maker)) return Error{std::move(full->sentence)};
+  const bool isNew = sessions_.emplace(name, Kept{session, std::move(maker), 0, {}, claimed.world, claimed.epoch}).second;
   expects(isNew, "a name that is reserved is free");
   sweepSoon();
   return session;
@@ -95,19 +105,30 @@ bool Directory::replace(const std::shared_ptr<session::Session>& session, std::s
   const auto it = sessions_.find(session->name());
   if (it == sessions_.end() || it->second.session != session) return false;
   if (session->uses() > 0) successor->use();  // so that it waits for its members as long
+  expects(!isShared(), "a world that servers share does not change");
   it->second = Kept{std::move(successor), std::move(it->second.maker), 0, {}};
   session->retire();
   return true;
 }
 
-std::shared_ptr<session::Session> Directory::remove(std::string_view name) {
-  const std::lock_guard lock(mutex_);
-  const auto it = sessions_.find(name);
-  if (it == sessions_.end() || name == kDefaultName) return nullptr;
+std::shared_ptr<session::Session> Directory::take(Sessions::iterator it) {
   std::shared_ptr<session::Session> session = std::move(it->second.session);
   sessions_.erase(it);
   session->retire();
   return session;
+}
+
+std::shared_ptr<session::Session> Directory::remove(std::string_view name) {
+  Kept kept;
+  {
+    const std::lock_guard lock(mutex_);
+    const auto it = sessions_.find(name);
+    if (it == sessions_.end() || name == kDefaultName) return nullptr;
+    kept = it->second;
+    take(it);
+  }
+  if (isShared()) worlds_.end(kept.session->name(), kept.world.id, kept.epoch);
+  return kept.session;
 }
 
 std::vector<std::shared_ptr<session::Session>> Directory::all() const {
@@ -119,17 +140,26 @@ std::vector<std::shared_ptr<session::Session>> Directory::all() const {
 
 std::optional<Directory::Full> Directory::full(std::string_view maker) const {
   const std::lock_guard lock(mutex_);
-  return fullFor(maker);
+  return fullFor({}, maker);
 }
 
-std::optional<Directory::Full> Directory::fullFor(std::string_view maker) const {
+std::optional<Directory::Full> Directory::fullFor(std::string_view name, std::string_view maker) const {
   const session::Limits& limits = resources_->limits;
-  const auto made = std::ranges::count_if(sessions_, [&](const auto& entry) { return entry.second.maker == maker; });
+  std::size_t all = sessions_.size(), made = std::ranges::count_if(sessions_, [&](const auto& entry) { return entry.second.maker == maker; });
+  if (!others_->empty()) {
+    if (find(*others_, name)) return std::nullopt;  // it is counted already
+    std::set<std::string_view> there;
+    for (const ServerStatus& server : *others_)
+      for (const auto& [its, s] : server.sessions)
+        if (!sessions_.contains(its) && there.insert(its).second) made += s.world.maker == maker;
+    all += there.size();
+  }
   if (!maker.empty() && limits.maxSessionsPerClient != 0 && made >= limits.maxSessionsPerClient)
     return Full{true, "The " + std::string(maker) + " has made " + std::to_string(made) +
                           " of the sessions that live here, the most one client may; leave one until it ends, or join one by its name."};
-  if (sessions_.size() >= limits.maxSessions)
-    return Full{false, "This server has " + std::to_string(limits.maxSessions) + " sessions, its limit; try again later."};
+  if (all >= limits.maxSessions)
+    return Full{false, (isShared() ? "These servers have " : "This server has ") + std::to_string(limits.maxSessions) + " sessions, " +
+                           (isShared() ? "their" : "its") + " limit; try again later."};
   return std::nullopt;
 }
 
@@ -144,27 +174,31 @@ void Directory::sweepSoon() {
 }
 
 void Directory::sweep() {
-  std::vector<std::shared_ptr<session::Session>> ended;  // destroyed outside the lock
-  const std::lock_guard lock(mutex_);
-  sweepSet_ = false;
-  const auto now = resources_->timer->now();
-  for (auto it = sessions_.begin(); it != sessions_.end();) {
-    Kept& kept = it->second;
-    const std::uint64_t uses = kept.session->uses();
-    if (kept.session->members() > 0 || kept.uses != uses) kept.idleSince.reset();
-    kept.uses = uses;
-    if (!kept.idleSince && kept.session->members() == 0) kept.idleSince = now;
-    const auto most =
-        uses || kept.maker.empty() ? resources_->limits.sessionIdle : std::min(resources_->limits.sessionIdle, kUnenteredIdle);
-    const bool isOver = kept.idleSince && now - *kept.idleSince >= most && it->first != kDefaultName;
-    if (!isOver || !kept.session->end()) {
-      ++it;
-      continue;
+  std::vector<Kept> ended;  // destroyed outside the lock
+  {
+    const std::lock_guard lock(mutex_);
+    sweepSet_ = false;
+    const auto now = resources_->timer->now();
+    for (auto it = sessions_.begin(); it != sessions_.end();) {
+      Kept& kept = it->second;
+      const std::uint64_t uses = kept.session->uses();
+      if (kept.session->members() > 0 || kept.uses != uses) kept.idleSince.reset();
+      kept.uses = uses;
+      if (!kept.idleSince && kept.session->members() == 0) kept.idleSince = now;
+      const auto most =
+          uses || kept.maker.empty() ? resources_->limits.sessionIdle : std::min(resources_->limits.sessionIdle, kUnenteredIdle);
+      const bool isOver = kept.idleSince && now - *kept.idleSince >= most && it->first != kDefaultName;
+      if (!isOver || !kept.session->end()) {
+        ++it;
+        continue;
+      }
+      ended.push_back(std::move(kept));
+      it = sessions_.erase(it);
     }
-    ended.push_back(std::move(kept.session));
-    it = sessions_.erase(it);
+    sweepSoon();
   }
-  sweepSoon();
+  if (!isShared()) return;
+  for (const Kept& kept : ended) worlds_.renew(kept.session->name(), kept.world, kept.epoch, true, [](const auto&) {});
 }
 
 }  // namespace ridgecast::directory

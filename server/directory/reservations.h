@@ -10,9 +10,11 @@
 #include <optional>
 #include <set>
 #include <string>
+#include <utility>
 
 #include "common/outcome/outcome.h"
 #include "common/terrain/terrain.h"
+#include "server/directory/shared_worlds.h"
 #include "server/edit_log/log.h"
 #include "server/session/edits.h"
 
@@ -28,6 +30,9 @@ class Reservation {
   // For a session on this terrain: its edits, which may take seconds, or how to begin a log. Error: one sentence; its edits are of another
   // world.
   Outcome<session::Edits::Kept> keep(const edit_log::World& world, const std::shared_ptr<const terrain::Terrain>& terrain);
+  // With a bus: that its world has the name on all servers.
+  void claim(SharedWorlds::Standing standing) { claimed_ = std::move(standing); }
+  const std::optional<SharedWorlds::Standing>& claimed() const { return claimed_; }
 
  private:
   friend class Reservations;
@@ -39,6 +44,7 @@ class Reservation {
   std::string name_;
   std::shared_ptr<const Held> held_;
   std::unique_ptr<edit_log::Log> log_;
+  std::optional<SharedWorlds::Standing> claimed_;
 };
 
 class Reservations {

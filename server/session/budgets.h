@@ -1,6 +1,8 @@
 #pragma once
-// What one client may spend on all its connections together: heights of answers, repairs, edits, and bytes of messages. Any thread.
+// What one client may spend on all its connections together: heights of answers, repairs, edits, and bytes of messages. With several
+// servers, what it spends on one is charged on the others within a second or two. Any thread.
 
+#include <array>
 #include <chrono>
 #include <cstddef>
 #include <cstdint>
@@ -8,6 +10,7 @@
 #include <memory>
 #include <mutex>
 #include <string>
+#include <vector>
 
 #include "common/edits/operation.h"
 #include "common/outcome/outcome.h"
@@ -40,10 +43,18 @@ struct Budgets {
   void spendRest(std::uint64_t spent, std::uint64_t looked, Time now) {
     if (looked > spent) edits.spend(now, looked - spent);
   }
+  // The same of all servers, in the same order.
+  std::array<conversation::SharedBudget*, 5> all() { return {&queries, &repairs, &edits, &editBytes, &messages}; }
   // New ones could spend no more.
   bool areFull(Time now) const {
     return queries.isFull(now) && repairs.isFull(now) && edits.isFull(now) && editBytes.isFull(now) && messages.isFull(now);
   }
+};
+
+// What a client has spent of each of Budgets::all().
+struct Spent {
+  std::string client;
+  std::array<std::uint64_t, 5> amounts{};
 };
 
 // The budgets of all clients. They outlive the client's connections until they are full again.
@@ -52,8 +63,15 @@ class BudgetsByClient {
   // `client`: as http::Request::client; empty: unknown, shared with nobody.
   std::shared_ptr<Budgets> of(const std::string& client, Budgets::Time now);
 
+  // What clients have spent on this server since the last call, where it matters (SharedBudget::hasSpent). After the first call budgets
+  // outlive their connections until it was taken, too.
+  std::vector<Spent> takeSpent();
+  // Charges what a client has spent on another server.
+  void charge(const Spent& spent, Budgets::Time now);
+
  private:
   std::mutex mutex_;
+  bool isShared_ = false;
   std::map<std::string, std::shared_ptr<Budgets>> budgets_;
 };
 

@@ -1,5 +1,6 @@
 #include "server/session/session.h"
 
+#include <algorithm>
 #include <random>
 
 #include "common/edits/packed.h"
@@ -101,7 +102,7 @@ Outcome<Membership> Session::enter(const std::string& client) {
   const Limits& limits = resources_->limits;
   auto quota = quota_->take();
   if (!quota) return quota.error();
-  if (!raise(*members_, limits.maxMembers)) {
+  if (!raise(*members_, limits.maxMembers - std::min<std::uint32_t>(limits.maxMembers, membersElsewhere_))) {
     if (*members_ & kEnded) return Error{"Session '" + name_ + "' has just ended because it was empty; connect again to create it."};
     return Error{"Session '" + name_ + "' is full: it has " + std::to_string(limits.maxMembers) + " members; try again later."};
   }

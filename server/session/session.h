@@ -52,7 +52,10 @@ class Session {
   std::uint64_t contentHash() const { return contentHash_; }  // of the world, whatever its edits
   std::uint64_t hashOf(const Ground& ground) const;           // of world and edits: another for other ground
   const Resources& resources() const { return *resources_; }
-  std::uint32_t members() const { return *members_ & ~kEnded; }
+  std::uint32_t members() const { return *members_ & ~kEnded; }  // on this server
+  // Members on other servers, which count for Limits::maxMembers.
+  void setMembersElsewhere(std::uint32_t members) { membersElsewhere_ = members; }
+  std::uint32_t membersElsewhere() const { return membersElsewhere_; }
   Presence& presence() const { return *presence_; }
   SessionClock& clock() const { return *clock_; }
   LiveCameras& live() const { return *live_; }
@@ -85,6 +88,7 @@ class Session {
   const std::uint64_t nonce_;  // the next session of this name may give its edits the same numbers
   std::shared_ptr<const Resources> resources_;
   std::shared_ptr<std::atomic<std::uint32_t>> members_;
+  std::atomic<std::uint32_t> membersElsewhere_{0};
   std::shared_ptr<CameraQuota> quota_;
   std::shared_ptr<recording::Observer> observer_;
   std::shared_ptr<SessionClock> clock_;
