@@ -10,12 +10,14 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <chrono>
 #include <csignal>
 #include <cstddef>
 #include <cstdlib>
 #include <ctime>
 #include <exception>
 #include <fstream>
+#include <future>
 #include <iostream>
 #include <optional>
 #include <sstream>
@@ -148,6 +150,17 @@ void report(const std::vector<std::string>& ignoredVariables) {
   if (!names.empty()) logging::info("ignores variables that Kubernetes sets for Services: " + names);
 }
 
+// Waits until the default session is the same world on all servers that share it. Error: one sentence; it is not, or the engine is silent.
+Outcome<void> claimDefault(const session::Resources& resources, const terrain::Terrain& terrain, const config::Config& config) {
+  constexpr std::chrono::seconds kTimeout{10};
+  const auto claimed = std::make_shared<std::promise<Outcome<void>>>();
+  auto answer = claimed->get_future();
+  directory::Directory::claimDefault(resources, terrain, config.terrain.parameters,
+                                     [claimed](Outcome<void> answered) { claimed->set_value(std::move(answered)); });
+  if (answer.wait_for(kTimeout) == std::future_status::ready) return answer.get();
+  return Error{"The engine between the servers has not answered for 10 seconds; start it, and this server again."};
+}
+
 // `begin` may be empty.
 int serve(const config::Config& config, const sigset_t& signals, const BeginServing& begin) {
   report(config.ignoredVariables);
@@ -206,6 +219,11 @@ int serve(const config::Config& config, const sigset_t& signals, const BeginServ
     return made;
   };
   if (config.limits.maxSessions > 1) resources->makeTerrain = makeTerrain;
+  if (resources->bus->server() != 0) {
+    if (config.watch) return refuse("Sessions cannot follow their terrain files (--watch) where servers share them (--shared): leave one out.");
+    if (begin) return refuse("A recording is shown by one server: leave --shared out.");
+    if (auto claimed = claimDefault(*resources, **terrain, config); !claimed) return refuse(claimed.error().message);
+  }
   std::shared_ptr<directory::Directory> directory;
   try {
     directory = std::make_shared<directory::Directory>(resources, *terrain, config.terrain.parameters);

@@ -108,6 +108,19 @@ Outcome<Grant> Tokens::judge(std::string_view token, Time now) const {
   return found->second;
 }
 
+std::vector<std::string> Tokens::missingFrom(const Tokens& other) const {
+  std::vector<std::string> missing;
+  for (const auto& [hash, grant] : byHash_)
+    if (!other.byHash_.contains(hash)) missing.push_back(hash);
+  return missing;
+}
+
+std::shared_ptr<const Tokens> Tokens::without(const std::vector<std::string>& hashes) const {
+  auto fewer = std::make_shared<Tokens>(*this);
+  for (const std::string& hash : hashes) fewer->byHash_.erase(hash);
+  return fewer;
+}
+
 NewToken makeToken(const Grant& grant) {
   expects(holderNameIsValid(grant.name) && !grant.rights.empty(), "a line of the token file can be read again");
   NewToken made;

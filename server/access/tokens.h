@@ -39,6 +39,9 @@ class Tokens {
   Outcome<Grant> judge(std::string_view token, Time now) const;
 
   std::size_t count() const { return byHash_.size(); }
+  // The tokens of the file, by their hashes: those of this one that another lacks, and this one without some.
+  std::vector<std::string> missingFrom(const Tokens& other) const;
+  std::shared_ptr<const Tokens> without(const std::vector<std::string>& hashes) const;
 
  private:
   std::unordered_map<std::string, Grant> byHash_;  // hex SHA-256 of the token

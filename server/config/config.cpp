@@ -163,6 +163,8 @@ void addOperation(CLI::App& app, Written& w) {
   addSeconds(app, "--drain-delay", w.config.net.drainDelay,
              "Seconds after SIGTERM during which the server serves as before while /readyz says 503, because balancers lag", 0, 3600);
   addSeconds(app, "--drain", w.config.net.drain, "Seconds to wait for clients to leave after SIGTERM", 0, 3600);
+  app.add_option("--url", w.config.net.url, "URL of this server alone, for people and other servers; default: that of its port")
+      ->type_name("URL");
   app.add_option("--reconnect-url", w.config.net.reconnectUrl,
                  "URL for clients to reconnect to when this server leaves; default: the same address")
       ->type_name("URL");

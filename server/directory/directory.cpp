@@ -16,7 +16,7 @@ Directory::Directory(std::shared_ptr<const session::Resources> resources, std::s
       quota_(std::make_shared<session::CameraQuota>(resources_->limits.maxCameras, resources_->limits.maxTotalTriangles)),
       reservations_(resources_->state),
       default_{std::move(defaultTerrain), std::move(defaultParameters)},
-      worlds_(resources_->bus, kGrace + resources_->limits.sessionIdle) {
+      worlds_(std::make_shared<SharedWorlds>(resources_->bus, kGrace + resources_->limits.sessionIdle)) {
   expects(resources_->executor && default_.terrain, "a server has threads, and a terrain to begin with");
   const bool isElsewhere = reservations_.isElsewhere(std::string(kDefaultName));
   if (isShared() && isElsewhere)
@@ -72,7 +72,7 @@ Outcome<std::shared_ptr<session::Session>> Directory::add(const std::string& nam
   if (!reservation) return reservation.error();
   if (!*reservation) return Error{"There is a session named '" + name + "' already; choose another name."};
   expects(!isShared() || name == kDefaultName, "a name that servers share is claimed before it is added");
-  if (isShared()) (*reservation)->claim({defaultWorld(*terrain, parameters), 0});
+  if (isShared()) (*reservation)->claim({defaultWorld(*terrain, parameters), 0}, true);
   return add(std::move(*reservation), std::move(terrain), std::move(parameters), std::move(maker), clock);
 }
 
@@ -88,11 +88,16 @@ Outcome<std::shared_ptr<session::Session>> Directory::add(std::unique_ptr<Reserv
   auto kept = reservation->keep({spec.terrain, spec.seed, spec.parameters, terrain::contentHash(*terrain)}, terrain);
   if (!kept) return kept.error();
   auto session = std::make_shared<session::Session>(name, std::move(terrain), std::move(spec), resources_, quota_, std::move(*kept));
-  const std::lock_guard lock(mutex_);
-  if (auto full = fullFor(name, maker)) return Error{std::move(full->sentence)};
-  const bool isNew = sessions_.emplace(name, Kept{session, std::move(maker), 0, {}, claimed.world, claimed.epoch}).second;
-  expects(isNew, "a name that is reserved is free");
-  sweepSoon();
+  const Kept added{session, std::move(maker), 0, {}, claimed.world, claimed.epoch};
+  if (isShared()) session->claimBeforeEdits(claimOf(name, claimed.world));
+  {
+    const std::lock_guard lock(mutex_);
+    if (!reservation->joins())
+      if (auto full = fullFor(added.maker)) return Error{std::move(full->sentence)};
+    expects(sessions_.emplace(name, added).second, "a name that is reserved is free");
+    sweepSoon();
+  }
+  if (claimed.epoch > 0) renew(name, added);  // it was claimed for a moment
   return session;
 }
 
@@ -127,7 +132,7 @@ std::shared_ptr<session::Session> Directory::remove(std::string_view name) {
     kept = it->second;
     take(it);
   }
-  if (isShared()) worlds_.end(kept.session->name(), kept.world.id, kept.epoch);
+  if (isShared()) worlds_->end(kept.session->name(), kept.world.id, kept.epoch);
   return kept.session;
 }
 
@@ -140,20 +145,17 @@ std::vector<std::shared_ptr<session::Session>> Directory::all() const {
 
 std::optional<Directory::Full> Directory::full(std::string_view maker) const {
   const std::lock_guard lock(mutex_);
-  return fullFor({}, maker);
+  return fullFor(maker);
 }
 
-std::optional<Directory::Full> Directory::fullFor(std::string_view name, std::string_view maker) const {
+std::optional<Directory::Full> Directory::fullFor(std::string_view maker) const {
   const session::Limits& limits = resources_->limits;
   std::size_t all = sessions_.size(), made = std::ranges::count_if(sessions_, [&](const auto& entry) { return entry.second.maker == maker; });
-  if (!others_->empty()) {
-    if (find(*others_, name)) return std::nullopt;  // it is counted already
-    std::set<std::string_view> there;
-    for (const ServerStatus& server : *others_)
-      for (const auto& [its, s] : server.sessions)
-        if (!sessions_.contains(its) && there.insert(its).second) made += s.world.maker == maker;
-    all += there.size();
-  }
+  std::set<std::string_view> there;
+  for (const ServerStatus& server : *others_)
+    for (const auto& [name, its] : server.sessions)
+      if (!sessions_.contains(name) && there.insert(name).second) made += its.world.maker == maker;
+  all += there.size();
   if (!maker.empty() && limits.maxSessionsPerClient != 0 && made >= limits.maxSessionsPerClient)
     return Full{true, "The " + std::string(maker) + " has made " + std::to_string(made) +
                           " of the sessions that live here, the most one client may; leave one until it ends, or join one by its name."};
@@ -198,7 +200,7 @@ void Directory::sweep() {
     sweepSoon();
   }
   if (!isShared()) return;
-  for (const Kept& kept : ended) worlds_.renew(kept.session->name(), kept.world, kept.epoch, true, [](const auto&) {});
+  for (const Kept& kept : ended) worlds_->renew(kept.session->name(), kept.world, kept.epoch, true, [](const auto&) {});
 }
 
 }  // namespace ridgecast::directory

@@ -88,7 +88,7 @@ class Directory : public std::enable_shared_from_this<Directory> {
   // ---- with other servers ----
 
   bool isShared() const { return resources_->bus->server() != 0; }
-  const SharedWorlds& worlds() const { return worlds_; }
+  const SharedWorlds& worlds() const { return *worlds_; }
   // A new one.
   World propose(session::WorldSpec spec, const terrain::Terrain& terrain, std::string maker);
   static World defaultWorld(const terrain::Terrain& terrain, std::vector<std::pair<std::string, double>> parameters);
@@ -109,13 +109,16 @@ class Directory : public std::enable_shared_from_this<Directory> {
   };
   // Tells and hears from now on, if there is a bus.
   void join(Host host);
+  ServerStatus self() const;  // without sessions
   // The other servers, as of a second ago.
   std::shared_ptr<const std::vector<ServerStatus>> others() const;
   // Whose session of this name is on another server; null: none is. As of a second ago.
   static const ServerStatus::Session* find(const std::vector<ServerStatus>& servers, std::string_view name);
+  // The other server that has this session and this camera's number; null: none.
+  std::shared_ptr<const ServerStatus> serverOf(const std::string& session, std::uint64_t camera) const;
   // Ends a session that is not here, as remove() does; the others follow within two seconds. False: none is known.
   bool removeElsewhere(const std::string& name);
-  // Asks the server of this camera to send it away. False: it is of no other server that has the session.
+  // Asks serverOf(this camera) to send it away. False: there is none.
   bool removeElsewhere(const std::string& name, std::uint64_t camera);
 
   const session::Resources& resources() const { return *resources_; }
@@ -127,7 +130,6 @@ class Directory : public std::enable_shared_from_this<Directory> {
     expects(!isShared() || number <= 0xffffffff, "a server's cameras have numbers of 32 bits");
     return std::uint64_t{resources_->bus->server()} << 32 | number;
   }
-  static std::uint32_t serverOf(std::uint64_t camera) { return static_cast<std::uint32_t>(camera >> 32); }
   void startCameraIdsAfter(std::uint64_t last) { expects(lastCameraId_.exchange(last) == 0, "numbers begin before anybody has one"); }
 
  private:
@@ -139,7 +141,7 @@ class Directory : public std::enable_shared_from_this<Directory> {
     std::shared_ptr<const terrain::Terrain> terrain;
     std::vector<std::pair<std::string, double>> parameters;
   } default_;
-  SharedWorlds worlds_;
+  const std::shared_ptr<SharedWorlds> worlds_;
   std::shared_ptr<scheduling::Pool> awaiting_;  // the default session
   std::atomic<std::uint64_t> lastCameraId_{0};
   struct Kept {
@@ -154,8 +156,7 @@ class Directory : public std::enable_shared_from_this<Directory> {
     bool isKept = false;
   };
   using Sessions = std::map<std::string, Kept, std::less<>>;
-  // For a session of this name, which is not here. Under the lock.
-  std::optional<Full> fullFor(std::string_view name, std::string_view maker) const;
+  std::optional<Full> fullFor(std::string_view maker) const;  // under the lock
   void sweepSoon();  // under the lock
   void sweep();
 
@@ -166,6 +167,7 @@ class Directory : public std::enable_shared_from_this<Directory> {
   void tellSpent();
   void renew(const std::string& name, const Kept& kept);
   void renewed(const std::string& name, const session::Session* session, const SharedWorlds::Standing& stands);
+  session::Session::Claim claimOf(const std::string& name, const World& world) const;
   void keepWorld(const std::string& name, const Kept& kept);
   std::shared_ptr<session::Session> take(Sessions::iterator it);  // out of sessions_, and retires it; under the lock
 

@@ -30,9 +30,13 @@ class Reservation {
   // For a session on this terrain: its edits, which may take seconds, or how to begin a log. Error: one sentence; its edits are of another
   // world.
   Outcome<session::Edits::Kept> keep(const edit_log::World& world, const std::shared_ptr<const terrain::Terrain>& terrain);
-  // With a bus: that its world has the name on all servers.
-  void claim(SharedWorlds::Standing standing) { claimed_ = std::move(standing); }
+  // With a bus: that its world has the name on all servers; `joins`: other servers have the session already.
+  void claim(SharedWorlds::Standing standing, bool joins) {
+    claimed_ = std::move(standing);
+    joins_ = joins;
+  }
   const std::optional<SharedWorlds::Standing>& claimed() const { return claimed_; }
+  bool joins() const { return joins_; }
 
  private:
   friend class Reservations;
@@ -45,6 +49,7 @@ class Reservation {
   std::shared_ptr<const Held> held_;
   std::unique_ptr<edit_log::Log> log_;
   std::optional<SharedWorlds::Standing> claimed_;
+  bool joins_ = false;
 };
 
 class Reservations {

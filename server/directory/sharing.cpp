@@ -20,7 +20,7 @@ logging::About about(const std::string& session, std::string_view event) { retur
 }  // namespace
 
 World Directory::propose(session::WorldSpec spec, const terrain::Terrain& terrain, std::string maker) {
-  return {worlds_.newId(), std::move(spec), terrain::contentHash(terrain), std::move(maker)};
+  return {worlds_->newId(), std::move(spec), terrain::contentHash(terrain), std::move(maker)};
 }
 
 World Directory::defaultWorld(const terrain::Terrain& terrain, std::vector<std::pair<std::string, double>> parameters) {
@@ -49,9 +49,9 @@ void Directory::claimDefault(const session::Resources& resources, const terrain:
 }
 
 void Directory::join(Host host) {
-  expects(host.load && host.entry && host.remove && host.sendAway && host.leave && !host_.load, "a directory is joined once, for a host");
-  host_ = std::move(host);
   if (!isShared()) return;
+  expects(host.load && host.entry && host.remove && host.sendAway && host.leave && !host_.load, "a directory has one host");
+  host_ = std::move(host);
   heard_.push_back(resources_->bus->hear(kRemovals, [weak = weak_from_this()](const std::string& message) {
     const auto self = weak.lock();
     std::string_view rest = message;
@@ -95,8 +95,10 @@ void Directory::tick() {
   }
 }
 
+ServerStatus Directory::self() const { return {resources_->bus->server(), host_.url, cameras(), triangles(), host_.load(), {}}; }
+
 void Directory::tellOfItself() {
-  ServerStatus status{resources_->bus->server(), host_.url, cameras(), triangles(), host_.load(), {}};
+  ServerStatus status = self();
   Sessions sessions;
   std::uint64_t epoch = 0;
   {
@@ -139,7 +141,7 @@ void Directory::hearOfServers() {
 }
 
 void Directory::hearOfEnded() {
-  worlds_.listEnded([weak = weak_from_this()](const Outcome<SharedWorlds::Ended>& ended) {
+  worlds_->listEnded([weak = weak_from_this()](const Outcome<SharedWorlds::Ended>& ended) {
     const auto self = weak.lock();
     if (!self || !ended) return;
     std::vector<Kept> over;
@@ -154,7 +156,7 @@ void Directory::hearOfEnded() {
     }
     for (const Kept& kept : over) {
       logging::info(about(kept.session->name(), "ended"), "was ended at another server; its members are sent away");
-      self->worlds_.end(kept.session->name(), kept.world.id, kept.epoch);
+      self->worlds_->end(kept.session->name(), kept.world.id, kept.epoch);
       self->host_.remove(*kept.session, {});
     }
   });
@@ -170,7 +172,7 @@ void Directory::tellSpent() {
 }
 
 void Directory::renew(const std::string& name, const Kept& kept) {
-  worlds_.renew(name, kept.world, kept.epoch, false,
+  worlds_->renew(name, kept.world, kept.epoch, false,
                 [weak = weak_from_this(), name, session = std::weak_ptr(kept.session)](const Outcome<SharedWorlds::Standing>& stands) {
                   const auto self = weak.lock();
                   if (self && stands) self->renewed(name, session.lock().get(), *stands);
@@ -200,17 +202,26 @@ void Directory::renewed(const std::string& name, const session::Session* session
   host_.leave();
 }
 
+session::Session::Claim Directory::claimOf(const std::string& name, const World& world) const {
+  return [worlds = worlds_, name, world](std::function<void(Outcome<void>)> done) {
+    worlds->keep(name, world, [name, world, done = std::move(done)](const Outcome<World>& stands) {
+      if (!stands) return done(stands.error());
+      if (!stands->hasGroundOf(world))
+        return done(Error{"The session '" + name + "' has edits of another world, " + describe(*stands) + "; choose another name."});
+      done({});
+    });
+  };
+}
+
 void Directory::keepWorld(const std::string& name, const Kept& kept) {
-  worlds_.keep(name, kept.world,
-               [weak = weak_from_this(), name, world = kept.world, session = std::weak_ptr(kept.session)](const Outcome<World>& stands) {
-                 const auto self = weak.lock();
-                 if (!self || !stands) return;
-                 if (!stands->hasGroundOf(world))
-                   return logging::error(about(name, "edits"), "its edits are of another world, " + describe(*stands));
-                 const std::lock_guard lock(self->mutex_);
-                 const auto it = self->sessions_.find(name);
-                 if (it != self->sessions_.end() && it->second.session == session.lock()) it->second.isKept = true;
-               });
+  claimOf(name, kept.world)([weak = weak_from_this(), name, session = std::weak_ptr(kept.session)](const Outcome<void>& claimed) {
+    const auto self = weak.lock();
+    if (!self || (!claimed && self->resources_->bus->isAway())) return;
+    if (!claimed) logging::error(about(name, "edits"), claimed.error().message);  // once
+    const std::lock_guard lock(self->mutex_);
+    const auto it = self->sessions_.find(name);
+    if (it != self->sessions_.end() && it->second.session == session.lock()) it->second.isKept = true;
+  });
 }
 
 std::shared_ptr<const std::vector<ServerStatus>> Directory::others() const {
@@ -228,16 +239,21 @@ bool Directory::removeElsewhere(const std::string& name) {
   const auto servers = others();
   const auto* session = find(*servers, name);
   if (!session || name == kDefaultName) return false;
-  worlds_.end(name, session->world.id, session->epoch);
+  worlds_->end(name, session->world.id, session->epoch);
   return true;
 }
 
-bool Directory::removeElsewhere(const std::string& name, std::uint64_t camera) {
+std::shared_ptr<const ServerStatus> Directory::serverOf(const std::string& session, std::uint64_t camera) const {
   const auto servers = others();
-  const auto its = std::ranges::find(*servers, serverOf(camera), &ServerStatus::number);
-  if (its == servers->end() || !its->sessions.contains(name)) return false;
-  resources_->bus->tell(kRemovals, std::to_string(its->number) + " " + name + " " + std::to_string(camera));
-  return true;
+  const auto its = std::ranges::find(*servers, camera >> 32, &ServerStatus::number);
+  if (its == servers->end() || !its->sessions.contains(session)) return nullptr;
+  return {servers, &*its};
+}
+
+bool Directory::removeElsewhere(const std::string& name, std::uint64_t camera) {
+  const auto server = serverOf(name, camera);
+  if (server) resources_->bus->tell(kRemovals, std::to_string(server->number) + " " + name + " " + std::to_string(camera));
+  return server != nullptr;
 }
 
 }  // namespace ridgecast::directory

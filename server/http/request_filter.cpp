@@ -62,13 +62,19 @@ Needed needed(std::string_view method, std::string_view path) {
   return {Right::kView};
 }
 
-std::optional<Error> RequestFilter::load() {
+std::optional<Error> RequestFilter::load(std::vector<std::string>* withdrawn) {
   if (!requiresTokens()) return {};
   auto tokens = access::Tokens::load(settings_.tokens);
   if (!tokens) return tokens.error();
   const std::lock_guard lock(mutex_);
+  if (withdrawn && tokens_) *withdrawn = tokens_->missingFrom(**tokens);
   tokens_ = std::move(*tokens);
   return {};
+}
+
+void RequestFilter::withdraw(const std::vector<std::string>& hashes) {
+  const std::lock_guard lock(mutex_);
+  if (tokens_) tokens_ = tokens_->without(hashes);
 }
 
 // Whether this is the server's own page or an allowed one. access/host.h has already checked the server's name.

@@ -36,8 +36,10 @@ class RequestFilter {
  public:
   explicit RequestFilter(const Access& settings) : settings_(settings) {}
 
-  // Reads the tokens, also again later. On an error the old ones stay.
-  std::optional<Error> load();
+  // Reads the tokens, also again later. On an error the old ones stay. `withdrawn`: gains the hashes of those that the file has no longer.
+  std::optional<Error> load(std::vector<std::string>* withdrawn = nullptr);
+  // Refuses these until load().
+  void withdraw(const std::vector<std::string>& hashes);
   bool requiresTokens() const { return !settings_.tokens.empty(); }
 
   // What the client is granted, or why it is refused. Without tokens: everything.

@@ -1,5 +1,7 @@
 #include "server/http/routes.h"
 
+#include <deque>
+
 #include "common/text/text.h"
 #include "common/version/version.h"
 #include "common/wire/wire.h"
@@ -165,7 +167,30 @@ bool namesEtag(std::string_view ifNoneMatch, std::string_view etag) {
   return false;
 }
 
+namespace {
+
+// A copy for later work.
+std::shared_ptr<const Request> keptCopy(const Request& request) {
+  struct Copy {
+    Request request;
+    std::deque<std::string> texts;
+  };
+  auto copy = std::make_shared<Copy>(Copy{request, {}});
+  for (std::string_view Request::*const text :
+       {&Request::method, &Request::target, &Request::host, &Request::webSocketVersion, &Request::acceptEncoding, &Request::contentType,
+        &Request::idempotencyKey, &Request::edit, &Request::origin, &Request::fetchSite, &Request::authorization, &Request::subprotocols,
+        &Request::client})
+    copy->request.*text = copy->texts.emplace_back(request.*text);
+  return {copy, &copy->request};
+}
+
+}  // namespace
+
 Reply answer(const Request& request, directory::Directory& directory, std::string_view version, const std::vector<Route>& routes) {
+  if (const auto missing = missingHere(request, directory))
+    return fromElsewhere(*missing, request, directory, [&directory, version, routes, own = keptCopy(request)](const auto&) {
+      return answer(*own, directory, version, routes);
+    });
   for (const Route& route : routes)
     if (auto reply = route(request)) return std::move(*reply);
   const std::string_view path = request.path();

@@ -19,16 +19,19 @@ bool isThere(std::string_view file) {
 
 Route snapshotRoute(std::shared_ptr<directory::Directory> directory, Maker maker) {
   return sessionFileRoute(
-      std::move(directory), isThere,
-      [maker = std::move(maker)](const Request& request, std::shared_ptr<session::Session> session, std::string_view file) -> Reply {
+      directory, isThere,
+      [maker = std::move(maker), directory](const Request& request, std::shared_ptr<session::Session> session, std::string_view file) -> Reply {
         const auto crs = queryParameter(request.query(), "crs");
-        auto ask = [maker, session = std::move(session), query = std::string(request.query()), file = std::string(file),
+        auto ask = [maker, directory, session = std::move(session), query = std::string(request.query()), file = std::string(file),
                     isPlaced = crs && !crs->empty()](const Turn&) -> Reply {
           auto ground = session->ground();
           const bool isPrivate = isPlaced && !session->resources().limits.sendsTerrain;
           auto question = snapshot::parse(query, maker.snapshots->limits(), isPrivate ? nullptr : ground.terrain->raster(),
                                           snapshot::formatOf(file).value_or(snapshot::Format::kGlb));
           if (!question) return openRefusal(400, question.error().message);
+          if (const auto* of = std::get_if<snapshot::OfCamera>(&question->of))
+            if (const auto server = directory->serverOf(session->name(), of->id))
+              return openRefusal(421, "Camera " + std::to_string(of->id) + " is on another server; ask " + server->url + ".");
           return fileOf(maker, session, std::move(ground), std::move(*question), file == kMetadata);
         };
         if (crs && !crs->empty()) return DeferredResponse{.work = std::move(ask)};  // PROJ takes its time

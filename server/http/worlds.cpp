@@ -2,6 +2,9 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cmath>
+#include <map>
+#include <mutex>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <utility>
@@ -89,15 +92,20 @@ std::string otherWorld(const std::string& session, const WorldSpec& spec) {
          ") and does not change while it lives; leave the terrain out to join it, or choose another name.";
 }
 
-// Joins, if the session has the requested world.
-Reply join(std::shared_ptr<session::Session> session, const Wish& wish, const Enter& enter) {
-  const WorldSpec& spec = session->spec();
+// Why a session with this world cannot be joined with this wish.
+std::optional<Answer> notMet(const Wish& wish, const std::string& session, const WorldSpec& spec) {
   if (wish.clock.value_or(spec.clock) != spec.clock)
     return refused(409, metrics::Refusal::kSession,
-                   "Session '" + session->name() + "' began with clock=" + nameOf(spec.clock) + "; leave clock=" + nameOf(*wish.clock) +
+                   "Session '" + session + "' began with clock=" + nameOf(spec.clock) + "; leave clock=" + nameOf(*wish.clock) +
                        " out to join it, or choose another name.");
-  if (wish.isMetBy(spec)) return enter(std::move(session));
-  return refused(409, metrics::Refusal::kSession, otherWorld(session->name(), spec));
+  if (!wish.isMetBy(spec)) return refused(409, metrics::Refusal::kSession, otherWorld(session, spec));
+  return {};
+}
+
+// Joins, if the session has the requested world.
+Reply join(std::shared_ptr<session::Session> session, const Wish& wish, const Enter& enter) {
+  if (auto other = notMet(wish, session->name(), session->spec())) return std::move(*other);
+  return enter(std::move(session));
 }
 
 Answer refusedFor(const directory::Directory::Full& full) {
@@ -106,30 +114,163 @@ Answer refusedFor(const directory::Directory::Full& full) {
 
 constexpr std::chrono::milliseconds kNameTaken{10};  // before a name is asked for again
 
-// A turn: not made yet, as long as somebody else has the name. The answer to a client that has left is not read: then nothing is made.
-Reply make(const std::string& name, Wish wish, const std::string& client, directory::Directory& directory, const Enter& enter, bool makes,
-           const std::stop_token& stop) {
-  auto reserved = directory.reserve(name);
-  if (!reserved) return refused(503, metrics::Refusal::kSession, reserved.error().message, {{"Retry-After", "1"}});
-  if (!*reserved) {  // another request was faster
-    if (auto session = directory.find(name)) return join(std::move(session), wish, enter);
-    return RetryAt{std::chrono::steady_clock::now() + kNameTaken};
+// What the bus answers, awaited between two turns.
+template <class T>
+class BusAnswer {
+ public:
+  std::function<void(Outcome<T>)> receiver() const {
+    return [state = state_](Outcome<T> value) {
+      std::function<void()> wake;
+      {
+        const std::lock_guard lock(state->mutex);
+        state->value = std::move(value);
+        wake = std::exchange(state->wake, nullptr);
+      }
+      if (wake) wake();
+    };
   }
-  if (const edit_log::World* const kept = (*reserved)->kept()) {  // nobody is in it, but its edits are kept
-    const WorldSpec spec{kept->terrain, kept->seed, kept->parameters, wire::ClockMode::kRealTime};
-    if (!wish.isMetBy(spec)) return refused(409, metrics::Refusal::kSession, otherWorld(name, spec));
-    wish.terrain = spec.terrain, wish.seed = spec.seed, wish.parameters = spec.parameters;
+  // None: not yet; `wake` is called when it is there.
+  std::optional<Outcome<T>> get(const std::function<void()>& wake) const {
+    const std::lock_guard lock(state_->mutex);
+    if (!state_->value) state_->wake = wake;
+    return state_->value;
   }
-  if (wish.terrain.empty()) return noSession(name, directory);
-  const WorldSpec spec{wish.terrain, wish.seed.value_or(1), wish.parameters, wish.clock.value_or(wire::ClockMode::kRealTime)};
-  auto terrain = directory.resources().makeTerrain(spec, stop);
-  if (!terrain) return refused(400, metrics::Refusal::kSession, "Session '" + name + "' cannot be created: " + terrain.error().message);
-  if (stop.stop_requested()) return refused(503, metrics::Refusal::kSession, "Session '" + name + "' was not created: its client left.");
-  if (!makes) return enter(nullptr);
-  const auto added = directory.add(std::move(*reserved), std::move(*terrain), spec.parameters, client, spec.clock);
-  if (added) return enter(*added);
-  const auto full = directory.full(client);
-  return full ? refusedFor(*full) : refused(503, metrics::Refusal::kFull, added.error().message);
+
+ private:
+  struct State {
+    std::mutex mutex;
+    std::optional<Outcome<T>> value;
+    std::function<void()> wake;
+  };
+  std::shared_ptr<State> state_ = std::make_shared<State>();
+};
+
+// A session in the making: its name is reserved, looked up on all servers, its terrain made, the name claimed for that world. In turns,
+// which never wait: not made yet as long as somebody else has the name, or the bus has not answered. The answer to a client that has left
+// is not read: then nothing is made.
+class Making {
+ public:
+  Making(std::string name, Wish wish, std::string client, std::optional<Answer> mayNotCreate, directory::Directory& directory, Enter enter,
+         bool makes)
+      : name_(std::move(name)),
+        wish_(std::move(wish)),
+        client_(std::move(client)),
+        mayNotCreate_(std::move(mayNotCreate)),
+        directory_(directory),
+        enter_(std::move(enter)),
+        makes_(makes) {}
+
+  Reply turn(const Turn& turn) {
+    if (!reserved_) {
+      auto reserved = directory_.reserve(name_);
+      if (!reserved) return refused(503, metrics::Refusal::kSession, reserved.error().message, {{"Retry-After", "1"}});
+      if (!*reserved) {  // another request was faster
+        if (auto session = directory_.find(name_)) return join(std::move(session), wish_, enter_);
+        return RetryAt{std::chrono::steady_clock::now() + kNameTaken};
+      }
+      reserved_ = std::move(*reserved);
+    }
+    if (!found_) directory_.worlds().find(name_, found_.emplace().receiver());
+    const auto found = found_->get(turn.wake);
+    if (!found) return RetryAt{RetryAt::kWhenWoken};
+    if (!*found) return unknown(found->error());
+    if ((*found)->live) return follow(*(*found)->live, turn);
+    return begin((*found)->kept, turn);
+  }
+
+ private:
+  Answer unknown(const Error& why) const {
+    return refused(503, metrics::Refusal::kSession,
+                   "Session '" + name_ + "' is not on this server, and cannot be looked up on the others now: " + why.message,
+                   {{"Retry-After", "1"}});
+  }
+
+  // A session that lives on another server.
+  Reply follow(const directory::SharedWorlds::Standing& live, const Turn& turn) {
+    if (auto other = notMet(wish_, name_, live.world.spec)) return std::move(*other);
+    if (auto refusal = makeTerrain(live.world.spec, turn.stop)) return std::move(*refusal);
+    if (auto other = otherGround(live.world)) return std::move(*other);
+    if (!makes_) return enter_(nullptr);
+    reserved_->claim(live, true);
+    return add(live.world.maker);
+  }
+
+  // One that lives on no server.
+  Reply begin(const std::optional<directory::World>& keptByAll, const Turn& turn) {
+    std::optional<WorldSpec> kept;  // nobody is in it, but its edits are kept
+    if (const edit_log::World* const log = reserved_->kept()) kept = WorldSpec{log->terrain, log->seed, log->parameters};
+    if (keptByAll) kept = keptByAll->spec;
+    if (kept) {
+      kept->clock = wish_.clock.value_or(wire::ClockMode::kRealTime);
+      if (auto other = notMet(wish_, name_, *kept)) return std::move(*other);
+    }
+    if (!kept && wish_.terrain.empty()) return noSession(name_, directory_);
+    if (mayNotCreate_) return *mayNotCreate_;
+    if (const auto full = directory_.full(client_)) return refusedFor(*full);
+    const WorldSpec spec = kept.value_or(
+        WorldSpec{wish_.terrain, wish_.seed.value_or(1), wish_.parameters, wish_.clock.value_or(wire::ClockMode::kRealTime)});
+    if (auto refusal = makeTerrain(spec, turn.stop)) return std::move(*refusal);
+    if (keptByAll)
+      if (auto other = otherGround(*keptByAll)) return std::move(*other);
+    if (!makes_) return enter_(nullptr);
+    if (!claimed_) directory_.worlds().claim(name_, proposed_.emplace(directory_.propose(spec, *terrain_, client_)), claimed_.emplace().receiver());
+    const auto claimed = claimed_->get(turn.wake);
+    if (!claimed) return RetryAt{RetryAt::kWhenWoken};
+    if (!*claimed) return unknown(claimed->error());
+    if ((*claimed)->world.id != proposed_->id) return follow(**claimed, turn);  // another server was faster
+    reserved_->claim(**claimed, false);
+    return add(client_);
+  }
+
+  std::optional<Answer> makeTerrain(const WorldSpec& spec, const std::stop_token& stop) {
+    if (terrain_ && made_ == spec) return {};
+    if (!directory_.resources().makeTerrain)
+      return refused(403, metrics::Refusal::kSession, "Sessions cannot be created on this server; 'default' always exists.");
+    auto terrain = directory_.resources().makeTerrain(spec, stop);
+    if (!terrain) return refused(400, metrics::Refusal::kSession, "Session '" + name_ + "' cannot be created: " + terrain.error().message);
+    if (stop.stop_requested()) return refused(503, metrics::Refusal::kSession, "Session '" + name_ + "' was not created: its client left.");
+    terrain_ = std::move(*terrain);
+    made_ = spec;
+    return {};
+  }
+
+  std::optional<Answer> otherGround(const directory::World& theirs) const {
+    const directory::World ours{{}, made_, terrain::contentHash(*terrain_), {}};
+    if (ours.hasGroundOf(theirs)) return {};
+    return refused(503, metrics::Refusal::kSession,
+                   "Session '" + name_ + "' has other ground on the other servers (" + describe(theirs) + ") than this server makes (" +
+                       describe(ours) + "): its operator must give all servers the same terrain files.");
+  }
+
+  Reply add(const std::string& maker) {
+    const auto added = directory_.add(std::move(reserved_), terrain_, made_.parameters, maker, made_.clock);
+    if (added) return enter_(*added);
+    const auto full = directory_.full(maker);
+    return full ? refusedFor(*full) : refused(503, metrics::Refusal::kFull, added.error().message);
+  }
+
+  const std::string name_;
+  const Wish wish_;
+  const std::string client_;
+  const std::optional<Answer> mayNotCreate_;
+  directory::Directory& directory_;
+  const Enter enter_;
+  const bool makes_;
+  std::unique_ptr<directory::Reservation> reserved_;
+  std::optional<BusAnswer<directory::SharedWorlds::Found>> found_;
+  std::shared_ptr<const terrain::Terrain> terrain_;
+  WorldSpec made_;  // of terrain_
+  std::optional<directory::World> proposed_;
+  std::optional<BusAnswer<directory::SharedWorlds::Standing>> claimed_;
+};
+
+// Makes it now, if that takes no time, or by work.
+Reply makeSoon(const std::shared_ptr<Making>& making, bool atOnce) {
+  if (atOnce)
+    if (Reply made = making->turn({}); !std::holds_alternative<RetryAt>(made)) return made;
+  return DeferredResponse{.queue = Queue::kWorlds,
+                          .work = [making](const Turn& turn) { return making->turn(turn); },
+                          .progress = [] { return "preparing the terrain"; }};
 }
 
 }  // namespace
@@ -146,22 +287,37 @@ Reply inSession(const Request& request, directory::Directory& directory, const E
   if (!wish) return refused(400, metrics::Refusal::kSession, wish.error().message);
   if (auto session = directory.find(wanted)) return join(std::move(session), *wish, enter);
   const bool isKept = directory.keeps(wanted);
-  if (wanted == directory::kDefaultName || (wish->terrain.empty() && !isKept)) return noSession(wanted, directory);
+  if (wanted == directory::kDefaultName || (!directory.isShared() && wish->terrain.empty() && !isKept)) return noSession(wanted, directory);
+  std::optional<Answer> mayNotCreate;
   if (!request.rights.has(access::Right::kCreate))
-    return refused(403, metrics::Refusal::kRight, "There is no session named '" + wanted + "', and the token lacks the right 'create'.");
-  if (!directory.resources().makeTerrain)
-    return refused(403, metrics::Refusal::kSession, "Sessions cannot be created on this server; 'default' always exists.");
+    mayNotCreate = refused(403, metrics::Refusal::kRight,
+                           "There is no session named '" + wanted + "', and the token lacks the right 'create'.");
+  else if (!directory.resources().makeTerrain)
+    mayNotCreate = refused(403, metrics::Refusal::kSession, "Sessions cannot be created on this server; 'default' always exists.");
   const std::string client(request.client);
-  if (const auto full = directory.full(client)) return refusedFor(*full);
+  if (!directory.isShared()) {  // nobody else has it
+    if (mayNotCreate) return *mayNotCreate;
+    if (const auto full = directory.full(client)) return refusedFor(*full);
+  }
   const auto builtIn = terrain::builtIn();
-  const bool atOnce = !isKept && wish->parameters.empty() &&
+  const bool atOnce = !directory.isShared() && !isKept && wish->parameters.empty() &&
                       std::any_of(builtIn.begin(), builtIn.end(), [&](const auto& d) { return d.name == wish->terrain; });
-  if (atOnce)
-    if (Reply made = make(wanted, *wish, client, directory, enter, makes, {}); !std::holds_alternative<RetryAt>(made)) return made;
-  return DeferredResponse{
-      .queue = Queue::kWorlds,
-      .work = [=, wish = *wish, &directory](const Turn& turn) { return make(wanted, wish, client, directory, enter, makes, turn.stop); },
-      .progress = [] { return "preparing the terrain"; }};
+  return makeSoon(std::make_shared<Making>(wanted, std::move(*wish), client, std::move(mayNotCreate), directory, enter, makes), atOnce);
+}
+
+std::optional<std::string> missingHere(const Request& request, const directory::Directory& directory) {
+  constexpr std::string_view kPrefix = "/v1/sessions/";
+  std::string_view rest = request.path();
+  if (!directory.isShared() || request.method == "OPTIONS" || !rest.starts_with(kPrefix)) return {};
+  rest.remove_prefix(kPrefix.size());
+  std::string name(text::takePart(rest, '/'));
+  if (rest.empty() || rest.starts_with("members") || !wire::sessionNameIsValid(name) || directory.find(name)) return {};
+  return name;
+}
+
+Reply fromElsewhere(const std::string& name, const Request& request, directory::Directory& directory, const Enter& enter) {
+  return makeSoon(std::make_shared<Making>(name, Wish{}, std::string(request.client), noSession(name, directory), directory, enter, true),
+                  false);
 }
 
 Outcome<earth::Coordinates> coordinatesOf(const session::Session& session, std::string_view crs) {
@@ -200,36 +356,66 @@ Json heightMap(const terrain::Raster& map) {
   return out;
 }
 
+std::string dumped(const Json& json) { return json.dump(-1, ' ', false, Json::error_handler_t::replace); }
+
+Json serverEntry(const directory::ServerStatus& server) {
+  return {{"number", server.number},
+          {"url", server.url},
+          {"cameras", server.cameras},
+          {"triangles", server.triangles},
+          {"load", std::round(server.load * 100) / 100}};
+}
+
 }  // namespace
 
+std::string sessionEntry(const session::Session& session) {
+  const session::Presence::State state = session.presence().state();
+  const wire::Clock& clock = state.clock;
+  const session::Limits& limits = session.resources().limits;
+  Json parameters = Json::object();
+  for (const auto& [name, value] : session.spec().parameters) parameters[name] = value;
+  Json entry{{"name", session.name()},
+             {"terrain", session.spec().terrain},
+             {"seed", session.spec().seed},
+             {"parameters", parameters},
+             {"content_hash", text::hexadecimal(session.contentHash())},
+             {"step_bits", lattice::kStepBits},
+             {"members", session.members()},
+             {"sensors", std::ranges::count(state.members, wire::Role::kSensor, &wire::Member::role)},
+             {"max_members", limits.maxMembers},
+             {"clock",
+              {{"mode", nameOf(clock.mode)},
+               {"rate", clock.rate},
+               {"seconds", static_cast<double>(clock.time) / 1e6},
+               {"step", clock.step},
+               {"waits_for", clock.waitsFor.size()},
+               {"owner", clock.owner ? Json{{"camera", clock.owner}, {"name", state.ownerName}} : Json()}}}};
+  if (const terrain::Raster* map = session.terrain()->raster(); map && limits.sendsTerrain) entry["height_map"] = heightMap(*map);
+  return dumped(entry);
+}
+
 Answer sessionsAnswer(const directory::Directory& directory) {
-  Json sessions = Json::array();
-  for (const auto& session : directory.all()) {
-    const session::Presence::State state = session->presence().state();
-    const wire::Clock& clock = state.clock;
-    Json parameters = Json::object();
-    for (const auto& [name, value] : session->spec().parameters) parameters[name] = value;
-    sessions.push_back({{"name", session->name()},
-                        {"terrain", session->spec().terrain},
-                        {"seed", session->spec().seed},
-                        {"parameters", parameters},
-                        {"content_hash", text::hexadecimal(session->contentHash())},
-                        {"step_bits", lattice::kStepBits},
-                        {"members", session->members()},
-                        {"sensors", std::ranges::count(state.members, wire::Role::kSensor, &wire::Member::role)},
-                        {"max_members", directory.resources().limits.maxMembers},
-                        {"clock",
-                         {{"mode", nameOf(clock.mode)},
-                          {"rate", clock.rate},
-                          {"seconds", static_cast<double>(clock.time) / 1e6},
-                          {"step", clock.step},
-                          {"waits_for", clock.waitsFor.size()},
-                          {"owner", clock.owner ? Json{{"camera", clock.owner}, {"name", state.ownerName}} : Json()}}}});
-    if (const terrain::Raster* map = session->terrain()->raster(); map && directory.resources().limits.sendsTerrain)
-      sessions.back()["height_map"] = heightMap(*map);
+  std::map<std::string, Json> sessions;
+  Json servers = Json::array();
+  const auto others = directory.others();
+  const auto add = [&](const std::string& name, std::string_view entry, std::uint32_t server) {
+    Json its = Json::parse(entry, nullptr, false);
+    const auto [known, isNew] = sessions.try_emplace(name, its);
+    if (!isNew)
+      for (const char* count : {"members", "sensors"}) known->second[count] = known->second[count].get<int>() + its.value(count, 0);
+    if (directory.isShared()) known->second["servers"].push_back(server);
+  };
+  for (const auto& session : directory.all()) add(session->name(), sessionEntry(*session), directory.self().number);
+  for (const auto& server : *others)
+    for (const auto& [name, session] : server.sessions) add(name, session.entry, server.number);
+  Json all{{"sessions", Json::array()}, {"max_sessions", directory.resources().limits.maxSessions}};
+  for (auto& [name, entry] : sessions) all["sessions"].push_back(std::move(entry));
+  if (directory.isShared()) {
+    for (const auto& server : *others) servers.push_back(serverEntry(server));
+    servers.push_back(serverEntry(directory.self()));
+    all["servers"] = std::move(servers);
   }
-  const Json all{{"sessions", sessions}, {"max_sessions", directory.resources().limits.maxSessions}};
-  return json(all.dump(-1, ' ', false, Json::error_handler_t::replace) + "\n");
+  return json(dumped(all) + "\n");
 }
 
 Route terrainsRoute(std::optional<std::filesystem::path> folder) {

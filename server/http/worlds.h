@@ -6,6 +6,7 @@
 #include <functional>
 #include <memory>
 #include <optional>
+#include <string>
 #include <string_view>
 
 #include "server/earth/earth.h"
@@ -21,6 +22,11 @@ using Enter = std::function<Reply(std::shared_ptr<session::Session>)>;
 // gets null instead of a new one.
 Reply inSession(const Request& request, directory::Directory& directory, const Enter& enter, bool makes = true);
 
+// With a bus: the session that a path below /v1/sessions/NAME names, if it is not on this server. Otherwise none.
+std::optional<std::string> missingHere(const Request& request, const directory::Directory& directory);
+// Makes that session here, if other servers have it, then `enter`; otherwise noSession().
+Reply fromElsewhere(const std::string& name, const Request& request, directory::Directory& directory, const Enter& enter);
+
 // Places on a session's map in people's coordinates; a private one does not say where it lies. PROJ is slow: call from work. Error:
 // Coordinates::of.
 Outcome<earth::Coordinates> coordinatesOf(const session::Session& session, std::string_view crs);
@@ -29,7 +35,10 @@ Outcome<earth::Coordinates> coordinatesOf(const session::Session& session, std::
 // why its WebSocket could not be opened, gets the same refusal, or 426 in place of 101, and no session is made.
 Reply streamAnswer(const Request& request, directory::Directory& directory);
 
-// {"sessions": [...], "max_sessions": N}
+// A session of this server as it stands in that list: a JSON object.
+std::string sessionEntry(const session::Session& session);
+// {"sessions": [...], "max_sessions": N}, with those of other servers as of a second ago; then also {"servers": [...]}, and which of them
+// have a session.
 Answer sessionsAnswer(const directory::Directory& directory);
 
 // GET /v1/terrains: {"terrains": [{"name", "summary", "parameters": [{"name", "default", "least", "most", "unit", "summary"}]}]}.

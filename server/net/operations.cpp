@@ -10,13 +10,24 @@
 
 namespace ridgecast::net {
 
+double saturation(ServerContext& s) {
+  const session::Limits& limits = s.directory->resources().limits;
+  const auto share = [](double used, double limit) { return limit > 0 ? used / limit : 0; };
+  return std::min(1.0, std::max({share(s.directory->cameras(), limits.maxCameras), share(s.connections->served, s.settings.maxConnections),
+                                 share(static_cast<double>(s.directory->all().size()), limits.maxSessions),
+                                 share(static_cast<double>(s.directory->triangles()), static_cast<double>(limits.maxTotalTriangles))}));
+}
+
 namespace {
 
 std::optional<Reply> operations(const std::shared_ptr<ServerContext>& server, const Request& request) {
   const std::string_view path = request.path();
   if (path != "/readyz" && path != "/metrics") return std::nullopt;
   if (!request.reads()) return http::wrongMethod();
-  if (path == "/readyz") return server && server->ready ? http::plain(200, "ready") : http::plain(503, "This server is leaving.");
+  if (path == "/readyz") {
+    const http::Headers load{{"Ridgecast-Load", text::rounded(server ? saturation(*server) : 1, 2)}};
+    return server && server->ready ? http::plain(200, "ready", load) : http::plain(503, "This server is leaving.", load);
+  }
   Answer a;
   a.type = "text/plain; version=0.0.4; charset=utf-8";
   if (server) a.body = server->figures->registry.text();
@@ -31,27 +42,34 @@ std::optional<Reply> removal(const std::shared_ptr<ServerContext>& server, const
   rest.remove_prefix(prefix.size());
   const std::string name(text::takePart(rest, '/'));
   if (rest.starts_with("edits")) return std::nullopt;  // http/edits.h
-  std::shared_ptr<session::Session> session = server->directory->find(name);
+  directory::Directory& directory = *server->directory;
+  std::shared_ptr<session::Session> session = directory.find(name);
+  const auto others = directory.others();
+  const bool isElsewhere = directory::Directory::find(*others, name) != nullptr;
+  if (!session && !isElsewhere) return http::noSession(name, directory);
+  if (isElsewhere && directory.resources().bus->isAway())
+    return http::plain(503, "The other servers cannot be told now; try again in a moment.", {{"Retry-After", "1"}});
   std::optional<std::uint64_t> camera;
-  if (!session) return http::noSession(name, *server->directory);
   if (!rest.empty()) {
     if (text::takePart(rest, '/') == "members") camera = text::number<std::uint64_t>(rest);
     if (!camera) return http::plain(404, "Only /v1/sessions/NAME and /v1/sessions/NAME/members/ID can be ended.");
-    if (!session->live().find(*camera)) return http::plain(404, "No member of session '" + name + "' has this number.");
-  } else if (session = server->directory->remove(name); !session) {
+    if (!session || !session->live().find(*camera)) {
+      if (directory.removeElsewhere(name, *camera)) return http::plain(202, "The member's server is told to send it away.");
+      return http::plain(404, "No member of session '" + name + "' has this number.");
+    }
+  } else if (name == directory::kDefaultName) {
     return http::plain(409, "The session '" + name + "' never ends; its members can be sent away one by one.");
+  } else if (session) {
+    session = directory.remove(name);
+    if (!session) return http::noSession(name, directory);  // it has ended meanwhile
+  } else {
+    directory.removeElsewhere(name);
   }
   for (const auto& stream : server->streams.all())
     if (&stream->session() == session.get()) stream->postRemove(camera);
-  return http::plain(200, camera ? "The member is sent away." : "The session has ended; its members are sent away.");
-}
-
-double saturation(ServerContext& s) {
-  const session::Limits& limits = s.directory->resources().limits;
-  const auto share = [](double used, double limit) { return limit > 0 ? used / limit : 0; };
-  return std::min(1.0, std::max({share(s.directory->cameras(), limits.maxCameras), share(s.connections->served, s.settings.maxConnections),
-                                 share(static_cast<double>(s.directory->all().size()), limits.maxSessions),
-                                 share(static_cast<double>(s.directory->triangles()), static_cast<double>(limits.maxTotalTriangles))}));
+  if (camera) return http::plain(200, "The member is sent away.");
+  return isElsewhere ? http::plain(202, "The session ends on all servers; its members are sent away.")
+                     : http::plain(200, "The session has ended; its members are sent away.");
 }
 
 }  // namespace

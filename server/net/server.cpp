@@ -6,11 +6,13 @@
 #include <thread>
 #include <utility>
 
+#include "server/http/worlds.h"
 #include "server/logging/logging.h"
 #include "server/net/http.h"
 #include "server/net/listener.h"
 #include "server/net/operations.h"
 #include "server/net/server_context.h"
+#include "server/net/withdrawals.h"
 
 namespace ridgecast::net {
 
@@ -38,7 +40,16 @@ constexpr std::uint32_t kAdminsAtATime = 64;
 class ListeningServer final : public Server {
  public:
   ListeningServer(const Settings& settings, std::shared_ptr<directory::Directory> directory, std::vector<Route> routes)
-      : shared_(std::make_shared<ServerContext>(settings, std::move(directory), std::move(routes))), listener_(io_), adminListener_(io_) {}
+      : shared_(std::make_shared<ServerContext>(settings, std::move(directory), std::move(routes))), listener_(io_), adminListener_(io_) {
+    const session::Resources& resources = shared_->directory->resources();
+    withdrawals_ = std::make_shared<Withdrawals>(resources.bus, *resources.timer, [weak = std::weak_ptr(shared_)](const auto& hashes) {
+      const auto context = weak.lock();
+      if (!context) return;
+      context->filter.withdraw(hashes);
+      for (const auto& stream : context->streams.all()) stream->postJudge();
+      logging::info("refuses " + std::to_string(hashes.size()) + " tokens that were withdrawn at another server");
+    });
+  }
 
   ~ListeningServer() override { shutdown(); }
 
@@ -65,6 +76,8 @@ class ListeningServer final : public Server {
       adminListener_.start([this](tcp::socket&& socket) { takeAdmin(std::move(socket)); });
     }
     addOperations(shared_);
+    joinOthers();
+    withdrawals_->begin();
     listener_.start([this](tcp::socket&& socket) { take(std::move(socket)); });
     for (unsigned k = 0; k < std::max(1u, settings.threads); ++k) threads_.emplace_back([this] { serve(); });
     return {};
@@ -82,10 +95,7 @@ class ListeningServer final : public Server {
     return error;
   }
 
-  void drain() override {
-    shared_->ready = shared_->takesStreams = false;
-    for (const auto& stream : shared_->streams.all()) stream->postGoingAway();
-  }
+  void drain() override { drain(*shared_); }
   void undrain() override { shared_->ready = shared_->takesStreams = true; }
 
   void sendAway(const session::Session& session) override {
@@ -109,6 +119,40 @@ class ListeningServer final : public Server {
   }
 
  private:
+  void joinOthers() {
+    const auto streamsOf = [](const ServerContext& context, const session::Session& session, const std::function<void(OpenStream&)>& end) {
+      for (const auto& stream : context.streams.all())
+        if (&stream->session() == &session) end(*stream);
+    };
+    // Weak: the directory may outlive this server.
+    const std::weak_ptr<ServerContext> weak = shared_;
+    shared_->directory->join(
+        {.url = shared_->settings.url.empty() ? url() : shared_->settings.url,
+         .load =
+             [weak] {
+               const auto context = weak.lock();
+               return context ? saturation(*context) : 1;
+             },
+         .entry = sessionEntry,
+         .remove =
+             [weak, streamsOf](const session::Session& session, std::optional<std::uint64_t> camera) {
+               if (const auto context = weak.lock()) streamsOf(*context, session, [&](OpenStream& stream) { stream.postRemove(camera); });
+             },
+         .sendAway =
+             [weak, streamsOf](const session::Session& session) {
+               if (const auto context = weak.lock()) streamsOf(*context, session, [](OpenStream& stream) { stream.postGoingAway(); });
+             },
+         .leave =
+             [weak] {
+               if (const auto context = weak.lock()) drain(*context);
+             }});
+  }
+
+  static void drain(ServerContext& context) {
+    context.ready = context.takesStreams = false;
+    for (const auto& stream : context.streams.all()) stream->postGoingAway();
+  }
+
   std::optional<Error> reloadAll() {
     const Settings& settings = shared_->settings;
     std::shared_ptr<TlsContext> tls;
@@ -117,7 +161,9 @@ class ListeningServer final : public Server {
       if (!loaded) return loaded.error();
       tls = std::move(*loaded);
     }
-    if (auto error = shared_->filter.load()) return error;
+    std::vector<std::string> withdrawn;
+    if (auto error = shared_->filter.load(&withdrawn)) return error;
+    withdrawals_->loaded(withdrawn);
     {
       const std::lock_guard lock(shared_->tlsMutex);
       shared_->tlsOfNew = std::move(tls);
@@ -169,6 +215,7 @@ class ListeningServer final : public Server {
   std::shared_ptr<ServerContext> shared_;
   asio::io_context io_;
   Listener listener_, adminListener_;
+  std::shared_ptr<Withdrawals> withdrawals_;
   std::vector<std::thread> threads_;
 };
 

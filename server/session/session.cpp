@@ -84,18 +84,33 @@ void Session::edit(Edit edit, const std::shared_ptr<Budgets>& budgets, std::func
   expects(done != nullptr, "an edit is answered");
   use();
   const auto spent = std::make_shared<std::uint64_t>(0);
-  edits_->ask(
-      std::move(edit),
-      [resources = resources_, budgets, spent, done = std::move(done)](const Edits::Answer& number, std::uint64_t posts) {
-        budgets->spendRest(*spent, posts, resources->timer->now());
-        done(number);
-      },
-      [resources = resources_, budgets, spent](const edits::Operation& operation, std::size_t bytes) -> Outcome<void> {
-        const auto now = budgets->spendEdit(operation, bytes, resources->timer->now());
-        if (!now) return now.error();
-        *spent = *now;
-        return {};
-      });
+  auto ask = [edits = edits_, resources = resources_, budgets, spent, done, edit = std::make_shared<Edit>(std::move(edit))] {
+    edits->ask(
+        std::move(*edit),
+        [resources, budgets, spent, done](const Edits::Answer& number, std::uint64_t posts) {
+          budgets->spendRest(*spent, posts, resources->timer->now());
+          done(number);
+        },
+        [resources, budgets, spent](const edits::Operation& operation, std::size_t bytes) -> Outcome<void> {
+          const auto now = budgets->spendEdit(operation, bytes, resources->timer->now());
+          if (!now) return now.error();
+          *spent = *now;
+          return {};
+        });
+  };
+  if (!claim_ || claiming_->isDone) return ask();
+  const auto early = [](Error why) {
+    Edits::Answer answer(std::move(why));
+    answer.why = Edits::Answer::Why::kEarly;
+    return answer;
+  };
+  if (!raise(claiming_->waiting, kMaxClaiming)) return done(early({"Too many edits wait for the first one; send it again in a second."}));
+  claim_([claiming = claiming_, ask = std::move(ask), done, early](const Outcome<void>& claimed) {
+    --claiming->waiting;
+    if (!claimed) return done(early(claimed.error()));
+    claiming->isDone = true;
+    ask();
+  });
 }
 
 Outcome<Membership> Session::enter(const std::string& client) {

@@ -46,8 +46,12 @@ class Session {
   std::shared_ptr<const terrain::Terrain> terrain() const { return ground().terrain; }  // of ground()
   Edits& edits() const { return *edits_; }
   EditPages& editPages() const { return *editPages_; }
-  // Asks for the edit, charged to these budgets. `done` as Edits::Done.
+  // Asks for the edit, charged to these budgets. `done` as Edits::Done. Before the first: claimBeforeEdits().
   void edit(Edit edit, const std::shared_ptr<Budgets>& budgets, std::function<void(const Edits::Answer& number)> done);
+  // Calls this before an edit is made, until it succeeds; edits wait for it, at most kMaxClaiming. Set before anybody has the session.
+  using Claim = std::function<void(std::function<void(Outcome<void>)> done)>;
+  static constexpr std::uint32_t kMaxClaiming = 64;
+  void claimBeforeEdits(Claim claim) { claim_ = std::move(claim); }
   const WorldSpec& spec() const { return spec_; }
   std::uint64_t contentHash() const { return contentHash_; }  // of the world, whatever its edits
   std::uint64_t hashOf(const Ground& ground) const;           // of world and edits: another for other ground
@@ -96,6 +100,12 @@ class Session {
   std::shared_ptr<LiveCameras> live_ = std::make_shared<LiveCameras>();
   std::shared_ptr<Edits> edits_;
   std::shared_ptr<EditPages> editPages_;
+  Claim claim_;  // empty: none is needed
+  struct Claiming {
+    std::atomic<bool> isDone{false};
+    std::atomic<std::uint32_t> waiting{0};
+  };
+  const std::shared_ptr<Claiming> claiming_ = std::make_shared<Claiming>();
 };
 
 }  // namespace ridgecast::session
