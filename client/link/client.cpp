@@ -50,10 +50,9 @@ Outcome<std::unique_ptr<Client>> Client::open(const core::Url& url, const wire::
 }
 
 Outcome<void> Client::enterOtherWorld() {
-  auto opened = Connection::open(url_, hello_, options_, [this] {
-    auto held = follower_.resume();
-    for (const wire::Resume& part : held) resumed_ += part.leaves.size();
-    return held;
+  auto opened = Connection::open(url_, hello_, options_, [this](const wire::World& coming) {
+    resumed_ += scene().index().size();
+    return follower_.enter(coming);
   });
   if (!opened) return opened.error();
   decoding_.reset();  // reads the mesh held
@@ -62,6 +61,7 @@ Outcome<void> Client::enterOtherWorld() {
   tilesFrom_ = editsFrom_ = editOf_ = 0;
   edit_ = world().edit;
   follower_.follow({hello_.points, world().shadedVertices, world().settings.triangleBudget, onThreads});
+  follower_.enter(world());
   return {};
 }
 

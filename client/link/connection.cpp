@@ -82,7 +82,7 @@ struct Connection::Impl final : WebSocket::Listener {
       return reconnector_.conversation().hasIterations() || reconnector_.hasReturned() || isOver;
     };
     while (changed_.wait_until(lock, until, hasNews) && reconnector_.hasReturned()) {
-      reconnector_.goOn(resume_ ? resume_() : std::vector<wire::Resume>());
+      reconnector_.goOn(resume_ ? resume_(reconnector_.coming()) : std::vector<wire::Resume>());
       changed_.notify_all();
       wake();
     }

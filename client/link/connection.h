@@ -39,7 +39,7 @@ struct Options {
 class Connection {
  public:
   // Called in receive() when the server is back; returns the leaves held. Must not call the connection.
-  using Resume = std::function<std::vector<wire::Resume>()>;
+  using Resume = std::function<std::vector<wire::Resume>(const wire::World& coming)>;
 
   // Connects, says hello, and returns when the world has arrived. Errors: nothing listens there, no answer within the timeout (of a server
   // that may have to make the world, see Waiting), not a Ridgecast server, refused by the server (its own message). Each says what to try.

@@ -19,7 +19,7 @@ namespace ridgecast::wire {
 inline constexpr std::uint32_t kProtocolVersion = 1;
 // Of that version. 1: members, clock, queries and grounds are known; 2: changes of settings; 3: passing over; 4: edits; 5: their posts; 6:
 // a clock that is set to a time.
-inline constexpr std::uint32_t kRevision = 6;
+inline constexpr std::uint32_t kRevision = 7;
 
 using lattice::Candidate;
 using settings::IterationStats;
@@ -64,9 +64,11 @@ struct HeldLeaf {
   std::uint64_t hash = 0;
 };
 
-// After hello and before the first pose: what is still held of an earlier connection.
+// After hello and before the first pose: what is still held of an earlier connection. Either the leaves, or the hash of all of them.
 struct Resume {
   std::vector<HeldLeaf> leaves;
+  std::string key;             // World::resumeKey of that connection
+  std::uint64_t meshHash = 0;  // of leaves that are not named; 0: none are held but those named
 };
 
 struct AskClock {
@@ -163,6 +165,7 @@ struct World {
   bool shadedVertices = false;                      // colours and normals travel with the vertices
   std::uint64_t edit = 0;                           // the last of the ground
   std::uint64_t compacted = 0;                      // edits up to this one are never sent
+  std::string resumeKey{};                          // names this camera to the server that goes on with it; empty: none would
   // Where a client that asked for no place starts, instead of `at`: a map may lie elsewhere (place=geo).
   lattice::Point onMap(lattice::Point at) const { return heightMap && !heightMap->area().holds(at) ? heightMap->middle() : at; }
 };

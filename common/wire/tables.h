@@ -143,7 +143,10 @@ TABLE(Acknowledge, Acknowledge, FIELD(1, iteration, iteration), FIELD(fixed64(2)
 TABLE(ResendLeaves, ResendLeaves, FIELD(1, leaves, leaves, Entries{kMaxResendLeaves, kLeaf}));
 
 TABLE(HeldLeaf, HeldLeaf, FIELD(1, address, address, kLeaf), FIELD(fixed64(2), hash, hash));
-TABLE(Resume, Resume, FIELD(1, leaves, leaves, Entries{kMaxResumeLeaves}));
+TABLE(Resume, Resume,
+    FIELD(1, leaves, leaves, Entries{kMaxResumeLeaves}),
+    FIELD(2, key, key, Bytes{kMaxResumeKeyBytes}),
+    FIELD(fixed64(3), mesh_hash, meshHash));
 
 TABLE(AskClock, AskClock, FIELD(1, echo, echo));
 
@@ -244,7 +247,8 @@ TABLE(World, World,
     FIELD(10, settings, settings),
     FIELD(11, window, window, Range{1u, kMaxWindow}),
     FIELD(12, camera, camera), FIELD(13, revision, revision), FIELD(20, height_map, heightMap), FIELD(21, shaded_vertices, shadedVertices),
-    FIELD(22, edit, edit), FIELD(23, compacted, compacted));
+    FIELD(22, edit, edit), FIELD(23, compacted, compacted),
+    FIELD(24, resume_key, resumeKey, Bytes{kMaxResumeKeyBytes}));
 
 TABLE(Figures, IterationStats,
     FIELD(1, select_ms, selectMs, kMs),

@@ -25,6 +25,7 @@ inline constexpr std::size_t kMaxErrorBytes = 4096;
 inline constexpr std::size_t kMaxResendLeaves = 4096;                 // more: name none, which asks for all
 inline constexpr std::size_t kMaxResumeLeaves = 2048;                 // a message
 inline constexpr std::size_t kMaxResumed = 65'536;                    // in all
+inline constexpr std::size_t kMaxResumeKeyBytes = 16;
 inline constexpr std::size_t kMaxTiles = 64;                          // of one WantTiles or HeightTiles
 inline constexpr std::size_t kMaxWantedTiles = 256;                   // that are not answered yet
 inline constexpr std::size_t kMaxShadeBytes = std::size_t{16} << 20;  // of one leaf

@@ -127,6 +127,11 @@ Conversation::Refusal Conversation::take(const wire::Acknowledge& acknowledge) {
 Conversation::Refusal Conversation::take(const wire::Resume& resume) {
   if (lastSequence_ != 0)
     return ErrorMessage{ErrorCode::kMalformed, "A resume came after a pose; it belongs between hello and the first pose."};
+  if (resume.meshHash != 0) {
+    if (hello_.points && resume.leaves.empty() && replica_.resume(resume.meshHash)) return {};
+    return ErrorMessage{ErrorCode::kInvalid, "A resume says the hash of leaves that it does not name: only a client that follows points may, "
+                                             "once, and without naming others."};
+  }
   if (!replica_.resume(resume.leaves))
     return ErrorMessage{ErrorCode::kInvalid, "A resume names a leaf twice, or more than " + std::to_string(wire::kMaxResumed) + " in all."};
   return {};
@@ -189,7 +194,7 @@ bool Conversation::hasWork(std::size_t queuedBytes) const {
 }
 
 bool Conversation::hasIteration() const {
-  if (!replica_.hasRoom()) return false;
+  if (!replica_.hasRoom() || awaitsCheckpoint_ || leaves_) return false;
   if (lockstep()) return !poses_.empty();
   return !poses_.empty() || (pose_.sequence != 0 && (!atRest_ || !changes_.empty() || replica_.owes()));
 }
@@ -248,6 +253,11 @@ Work Conversation::next(std::size_t queuedBytes) {
 void Conversation::greeted() {
   expects(stage_ == Stage::kExpectsWorld || closed(), "a world answers a hello, once");
   if (stage_ == Stage::kExpectsWorld) stage_ = Stage::kRuns;
+}
+
+void Conversation::restored(std::span<const mesh::LeafState> leaves) {
+  replica_.restore(leaves);
+  unsent_ = kMaxUnsent;
 }
 
 std::optional<replica::Changes> Conversation::iterated(std::span<const mesh::LeafState> leaves, bool settled) {

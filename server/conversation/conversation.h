@@ -15,7 +15,8 @@
 //
 // A reconnecting client lists the leaves it still holds between hello and its first pose; only differences are sent. The server's mesh
 // starts coarse. The server may first run up to kMaxUnsent iterations without sending them, so that the client keeps its detail: in free
-// pacing, without a budget of bytes, if the client holds at least half of its leaves.
+// pacing, without a budget of bytes, if the client holds at least half of its leaves. With a checkpoint of the mesh that the client holds,
+// none of this is needed: the caller may look for one meanwhile.
 //
 // The client has room if fewer than `window` iterations are unacknowledged and at most maxQueuedBytes are queued for it. With a budget of
 // bytes a second, an iteration also waits until those before it are paid for (rate.h).
@@ -91,6 +92,12 @@ class Conversation {
   void greeted();
   // The mesh has new ground from its next iteration on. Free pacing: that iteration always runs and is sent.
   void groundChanged();
+  // No iteration while a checkpoint of the mesh that the client resumes is looked for, or once the mesh is handed over.
+  void awaitCheckpoint(bool waits) { awaitsCheckpoint_ = waits; }
+  bool awaitsCheckpoint() const { return awaitsCheckpoint_; }
+  void leave() { leaves_ = true; }
+  // After the first Iterate, in place of an iteration: the mesh is what the client holds. iterated() comes next.
+  void restored(std::span<const mesh::LeafState> leaves);
   // After Iterate: what to send of the current mesh, or nothing. `leaves` in canonical order.
   std::optional<replica::Changes> iterated(std::span<const mesh::LeafState> leaves, bool settled);
   void sent(const wire::Iteration& iteration, Time now);
@@ -147,6 +154,7 @@ class Conversation {
   wire::PoseMessage pose_;                    // sequence 0: none yet
   bool atRest_ = true;                        // nothing to do before another pose
   bool groundIsNew_ = false;                  // since the last iteration
+  bool awaitsCheckpoint_ = false, leaves_ = false;
   int unsent_ = 0;                            // iterations before the first one sent to a reconnecting client
   std::uint64_t mismatches_ = 0;
   replica::Replica replica_;

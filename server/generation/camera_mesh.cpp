@@ -93,6 +93,44 @@ void CameraMesh::setGround(std::shared_ptr<const terrain::Terrain> terrain, std:
   pool.forEach(touched.size(), 1, [&](std::size_t k) { mesh_.refreshTriangles(touched[k]); });
 }
 
+// ---- store and restore ----
+
+std::vector<refinement::StoredVertex> CameraMesh::vertices() const {
+  std::vector<refinement::StoredVertex> out;
+  for (RegionId region : regions_) mesh_.store(region, out);
+  const auto outside = static_cast<std::ptrdiff_t>(out.size());
+  mesh_.store(kOutside, out);
+  const auto squareOf = [](const refinement::StoredVertex& v) { return lattice::leafAt(v.at, refinement::AdaptiveMesh::kOutsideLevel); };
+  std::stable_sort(out.begin() + outside, out.end(), [&](const auto& l, const auto& r) { return squareOf(l) < squareOf(r); });
+  return out;
+}
+
+bool CameraMesh::restore(const std::vector<LeafAddress>& leaves, std::span<const refinement::StoredVertex> vertices,
+                         scheduling::Pool& pool) {
+  expects(ordered_.empty() && mesh_.triangulation().empty(), "a mesh is restored before it selects leaves");
+  if (leaves.empty() || !tree_.restore(leaves)) return false;
+  const LeafAddress first = tree_.roots().front(), last = tree_.roots().back();
+  mesh_.setAnchor({lattice::floorTo((first.x() + last.x()) / 2, kAnchorBits), lattice::floorTo((first.z() + last.z()) / 2, kAnchorBits)});
+  const LeafDiff diff = replaceLeaves();
+  // The grids are there, and outside all leaves nothing else.
+  std::vector<bool> fixed(vertices.size());
+  std::set<lattice::Point> grid;
+  for (std::size_t k = 0; k < vertices.size(); ++k) {
+    LeafAddress leaf;
+    const bool isInside = tree_.leafAt(vertices[k].at, leaf);
+    fixed[k] = isGridPoint(tree_, vertices[k].at);
+    if (fixed[k]) grid.insert(vertices[k].at);
+    if (!fixed[k] && !isInside) return false;
+    if (vertices[k].level > (isInside ? leaf.level : quadtree::kRootLevel) + 1) return false;
+  }
+  for (const LeafAddress& leaf : leaves)
+    for (const lattice::Point& p : gridPoints(leaf))
+      if (!grid.contains(p)) return false;
+  if (!mesh_.restore(vertices, fixed)) return false;
+  updateNeighbours(diff, pool);
+  return true;
+}
+
 // ---- generate ----
 
 void CameraMesh::generate(scheduling::Pool& pool) {

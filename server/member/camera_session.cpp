@@ -69,7 +69,7 @@ conversation::Terms termsOf(const session::Session& session, const session::Memb
   return terms;
 }
 
-wire::World worldOf(const session::Session& session, const wire::Settings& granted, std::uint64_t camera) {
+wire::World worldOf(const session::Session& session, const wire::Settings& granted, std::uint64_t camera, const std::string& key) {
   const auto ground = session.ground();
   const terrain::Terrain& terrain = *ground.terrain;
   const session::Resources& resources = session.resources();
@@ -91,6 +91,7 @@ wire::World worldOf(const session::Session& session, const wire::Settings& grant
   world.settings = granted;
   world.window = resources.limits.window;
   world.camera = camera;
+  world.resumeKey = key;
   return world;
 }
 
@@ -253,7 +254,7 @@ void CameraSession::refuse(ErrorMessage message) {
 
 bool CameraSession::wake() {
   if (scheduled_) return true;
-  if (!conversation_.closed() && copies_.empty()) {
+  if (!conversation_.closed() && copies_.empty() && !handOver_ && resume_.key.empty()) {
     const session::Timer& timer = *session_->resources().timer;
     auto due = conversation_.due(sender_->queuedBytes());
     // Answers and tiles may be what is queued, and nobody tells when they have left.
@@ -281,12 +282,21 @@ void CameraSession::run() {
   try {
     std::unique_lock lock(mutex_);
     expects(scheduled_, "one task runs at a time, and was scheduled");
-    const bool copies = !copies_.empty() && conversation_.runs();
+    const bool copies = !copies_.empty() && conversation_.runs(), leaves = handOver_ && conversation_.runs();
+    const bool looksUp = !resume_.key.empty() && !conversation_.closed();
     const auto due = conversation_.due(sender_->queuedBytes());  // messages that came since may have put it off
     const bool isDue = due && *due <= session_->resources().timer->now();
-    const conversation::Work next = copies || !isDue ? conversation::Work{} : conversation_.next(sender_->queuedBytes());
+    const bool isOther = copies || leaves || looksUp;
+    const conversation::Work next = isOther || !isDue ? conversation::Work{} : conversation_.next(sender_->queuedBytes());
     lock.unlock();
-    copies ? workOnCopy() : std::visit([this](const auto& order) { work(order); }, next);
+    if (looksUp)
+      lookUpCheckpoint();
+    else if (leaves)
+      workOnHandOver();
+    else if (copies)
+      workOnCopy();
+    else
+      std::visit([this](const auto& order) { work(order); }, next);
   } catch (const std::exception& e) {
     failed = true;
     task_ = {};  // first, so that the refusal finds memory
@@ -325,11 +335,12 @@ void CameraSession::work(const conversation::Greet&) {
   session_->note(recording::Joined{id_, hello.clientName, hello.role, hello.pacing, granted, task_.ground.edit});
   // Under the lock: once it has received the world, a client may send anything.
   const std::lock_guard lock(mutex_);
+  chooseKey();
   conversation_.greeted();
   if (!conversation_.runs()) return;
   session_->use();
   session_->live().add(id_, weak_from_this());
-  session_->presence().join(id_, hello, sender_, conversation_.newestPose(), worldOf(*session_, granted, id_));
+  session_->presence().join(id_, hello, sender_, conversation_.newestPose(), worldOf(*session_, granted, id_, key_));
   session_->presence().setBudget(id_, granted.bytesPerSecond);
   news_.told = std::max(hello.editsAfter, session_->edits().compacted());
   tellEdits();
@@ -434,10 +445,15 @@ void CameraSession::work(const conversation::Iterate& order) {
     sender_->send(wire::Granted{*order.granted});
   }
   if (order.insertions) task_.mesh->setInsertionLimit(*order.insertions);
-  std::vector<lattice::Area> changed = followGround();
+  std::vector<lattice::Area> changed;
   wire::Iteration iteration;
+  if (const auto restored = restore(order.pose.camera)) {
+    iteration.figures = *restored;
+  } else {
+    changed = followGround();
+    iteration.figures = task_.mesh->iterate(order.pose.camera);
+  }
   iteration.edit = task_.ground.edit;
-  iteration.figures = task_.mesh->iterate(order.pose.camera);
   figures_.holds(iteration.figures.triangles, iteration.figures.effectiveThreshold > conversation_.granted().threshold);
   iteration.poseSequence = order.pose.sequence;
   iteration.settled = task_.mesh->settled();

@@ -7,8 +7,11 @@
 
 #include <atomic>
 #include <chrono>
+#include <functional>
 #include <memory>
 #include <mutex>
+#include <optional>
+#include <string>
 #include <vector>
 
 #include "common/outcome/outcome.h"
@@ -35,9 +38,18 @@ class CameraSession final : public session::LiveCamera, public std::enable_share
 
   void groundChanged() override;
 
+  // The server leaves: iterations end, and the mesh goes to the server that the client finds next. `done` is called once it may be sent there,
+  // unless close() comes first. False: the mesh cannot go, and nothing changes. Where there is another server: free pacing, a client that
+  // follows points, and a session that is not recorded, since a replay makes its meshes from poses alone.
+  bool handOver(std::function<void()> done);
+
   // A few milliseconds at a time, so that other cameras get their turns; at most kMaxCopies requests wait.
   bool copy(session::TakeCopy done) override;
   static constexpr std::size_t kMaxCopies = 16;
+
+  // A client that resumes waits this long for its checkpoint; a checkpoint waits this long for its client.
+  static constexpr std::chrono::milliseconds kCheckpointTimeout{300};
+  static constexpr std::chrono::seconds kCheckpointLife{60};
 
   // A client whose window has been full this long without an acknowledgement is sent away.
   static constexpr std::chrono::minutes kAcknowledgeTimeout{5};
@@ -46,12 +58,14 @@ class CameraSession final : public session::LiveCamera, public std::enable_share
 
  private:
   using Refusal = conversation::Conversation::Refusal;
+  using IterationStats = settings::IterationStats;
 
   // Under the lock: messages that others answer.
   Refusal attend(const wire::ClockStep& step);
   Refusal attend(wire::Query& query);
   Refusal attend(const wire::AskGround& ask);
   Refusal attend(const wire::Edit& edit);
+  Refusal attend(const wire::Resume& resume);
   Refusal attend(const auto& message) {
     if constexpr (requires { session_->presence().receive(id_, message); }) session_->presence().receive(id_, message);
     if constexpr (requires { session_->clock().receive(id_, message); }) session_->clock().receive(id_, message);
@@ -76,6 +90,12 @@ class CameraSession final : public session::LiveCamera, public std::enable_share
   void work(const conversation::SendSquares& wanted);
   void work(const conversation::Iterate& order);
   void workOnCopy();
+  void chooseKey();  // under the lock
+  void workOnHandOver();
+  void lookUpCheckpoint();
+  void found(std::string checkpoint);  // empty: there is none
+  void giveUpCheckpoint();             // under the lock
+  std::optional<IterationStats> restore(const camera::Camera& camera);
   std::vector<lattice::Area> followGround();  // the mesh, if there were edits; returns where it changed
 
   const std::shared_ptr<session::Session> session_;
@@ -95,6 +115,13 @@ class CameraSession final : public session::LiveCamera, public std::enable_share
   } watched_;
   CameraFigures figures_;
   std::vector<session::TakeCopy> copies_;        // requested
+  std::string key_;                              // of this camera's checkpoint; empty: its mesh is not handed over
+  std::function<void()> handOver_;               // requested
+  struct {
+    std::string key;         // to be looked up; empty: it was
+    std::string checkpoint;  // found
+    session::Alarm alarm;
+  } resume_;
   std::shared_ptr<questions::Queries> queries_;  // once one was sent
   std::shared_ptr<questions::Grounds> grounds_;
   std::shared_ptr<std::atomic<std::size_t>> openEdits_ = std::make_shared<std::atomic<std::size_t>>(0);  // not yet answered and sent

@@ -31,9 +31,12 @@ namespace {
 namespace asio = boost::asio;
 using asio::ip::tcp;
 using boost::system::error_code;
+using namespace std::chrono_literals;
 
 // Connections beyond a limit that still get an answer; any more are closed at once.
 constexpr std::uint32_t kTurnedAtATime = 32;
+// Between two streams that a server that drains sends away.
+constexpr std::chrono::milliseconds kBetweenStreams{50};
 // Connections of the admin port; any more are closed at once.
 constexpr std::uint32_t kAdminsAtATime = 64;
 
@@ -150,7 +153,12 @@ class ListeningServer final : public Server {
 
   static void drain(ServerContext& context) {
     context.ready = context.takesStreams = false;
-    for (const auto& stream : context.streams.all()) stream->postGoingAway();
+    // Not all at once, where meshes go first: each costs its next server some of a start.
+    const auto streams = context.streams.all();
+    const bool spreads = context.directory->resources().bus->server() != 0;
+    const auto pause = spreads ? std::min(kBetweenStreams, context.settings.drain / static_cast<int>(2 * streams.size() + 1)) : 0ms;
+    auto after = 0ms;
+    for (const auto& stream : streams) stream->postGoingAway(std::exchange(after, after + pause));
   }
 
   std::optional<Error> reloadAll() {

@@ -3,6 +3,7 @@
 
 #include <array>
 #include <atomic>
+#include <chrono>
 #include <condition_variable>
 #include <cstdint>
 #include <memory>
@@ -36,8 +37,8 @@ inline constexpr char kServerName[] = "ridgecast-server/" RIDGECAST_VERSION;
 class OpenStream {
  public:
   virtual ~OpenStream() = default;
-  // Any thread.
-  virtual void postGoingAway() = 0;
+  // Any thread. The camera's mesh goes first (member::CameraSession::handOver), if it can, beginning after this time.
+  virtual void postGoingAway(std::chrono::milliseconds after = {}) = 0;
   virtual void postJudge() = 0;  // ends the stream if its token is withdrawn
   // Ends the stream for the operator, if it is this camera's; nothing: any camera's.
   virtual void postRemove(std::optional<std::uint64_t> camera) = 0;

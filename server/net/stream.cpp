@@ -28,6 +28,7 @@ using beast::error_code;
 
 // Time for the client to read an error and answer the close.
 constexpr std::chrono::seconds kFarewellTimeout{3};
+constexpr std::chrono::seconds kHandOverTimeout{1};
 constexpr std::chrono::seconds kMaxDebt{1};  // of pings and pongs
 
 // What an error is to the WebSocket and in the metrics.
@@ -88,6 +89,7 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
         timer_(ws_.get_executor()),
         expiry_(ws_.get_executor()),
         pause_(ws_.get_executor()),
+        leaving_(ws_.get_executor()),
         slot_(std::move(slot)),
         shared_(std::move(shared)),
         session_(std::move(session)),
@@ -132,8 +134,13 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
   void postFailure(wire::ErrorMessage message) {
     asio::post(ws_.get_executor(), [self = shared_from_this(), message = std::move(message)] { self->fail(message); });
   }
-  void postGoingAway() override {
-    asio::post(ws_.get_executor(), [self = shared_from_this()] { self->goAway(); });
+  void postGoingAway(std::chrono::milliseconds wait) override {
+    asio::post(ws_.get_executor(), [self = shared_from_this(), wait] {
+      if (wait.count() == 0) return self->handOver();
+      self->after(self->leaving_, wait, [](Stream& s) {
+        if (!s.shared_->takesStreams) s.handOver();
+      });
+    });
   }
   void postJudge() override {
     asio::post(ws_.get_executor(), [self = shared_from_this()] { self->judge(); });
@@ -169,7 +176,21 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
     after(expiry_, left, [](Stream& self) { self.fail(metrics::Refusal::kExpired, {wire::ErrorCode::kLimit, "The token has expired."}); });
   }
 
+  // The camera's mesh first, if it has another server to go to; its client then has all that was sent.
+  void handOver() {
+    if (stage_ != Stage::kOpen || shared_->takesStreams || !camera_) return goAway();
+    const auto done = [weak = weak_from_this(), executor = ws_.get_executor()] {
+      asio::post(executor, [weak] {
+        if (const auto self = weak.lock()) self->goAway();
+      });
+    };
+    if (!camera_->handOver(done)) return goAway();
+    keepsQueue_ = true;
+    after(leaving_, kHandOverTimeout, [](Stream& self) { self.goAway(); });
+  }
+
   void goAway() {
+    leaving_.cancel();
     wire::ErrorMessage last{wire::ErrorCode::kGoingAway, "The server is leaving; connect again.", shared_->settings.reconnectUrl};
     stay_.endsBy = metrics::name(metrics::Refusal::kDraining);
     if (shared_->takesStreams) {
@@ -291,7 +312,7 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
     stage_ = Stage::kFarewell;
     reason_ = std::move(reason);
     leave();
-    while (out_.size() > (writing_ ? 1u : 0u)) out_.pop_back();
+    while (!keepsQueue_ && out_.size() > (writing_ ? 1u : 0u)) out_.pop_back();
     after(timer_, kFarewellTimeout, [](Stream& self) { self.end(); });
     if (!last.empty()) out_.emplace_back(traffic_, std::make_shared<const std::string>(std::move(last)), nullptr);
     if (writing_) return;
@@ -314,6 +335,7 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
     timer_.cancel();
     expiry_.cancel();
     pause_.cancel();
+    leaving_.cancel();
     leave();
     logEnd();
     beast::get_lowest_layer(ws_).close();
@@ -336,7 +358,7 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
   enum class Stage { kAccepting, kOpen, kFarewell, kOver };
 
   websocket::stream<Channel, false> ws_;
-  asio::steady_timer timer_, expiry_, pause_;
+  asio::steady_timer timer_, expiry_, pause_, leaving_;
   const ConnectionSlot slot_;
   const std::shared_ptr<ServerContext> shared_;
   const std::shared_ptr<session::Session> session_;
@@ -350,7 +372,7 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
   beast::flat_buffer buffer_;
   bool greeted_ = false;
   std::deque<Outgoing> out_;  // at most kMaxQueuedMessages; the first is being written while writing_
-  bool writing_ = false;
+  bool writing_ = false, keepsQueue_ = false;  // keepsQueue_: the last message comes after all others
   websocket::close_reason reason_;
   std::shared_ptr<Traffic> traffic_ = std::make_shared<Traffic>();
   struct {

@@ -96,6 +96,33 @@ settings::IterationStats Pipeline::iterate(const camera::Camera& camera) {
   return figures;
 }
 
+std::optional<MeshState> Pipeline::state() const {
+  const State& s = *state_;
+  if (s.leaves.empty()) return {};
+  return MeshState{s.mesh.addresses(), s.mesh.vertices(), s.effective};
+}
+
+std::optional<settings::IterationStats> Pipeline::restore(const MeshState& from, const camera::Camera& camera) {
+  expects(camera::isValid(camera) && state_->leaves.empty(), "a mesh is restored before its first iteration");
+  Stopwatch watch;
+  if (!state_->mesh.restore(from.leaves, from.vertices, *state_->pool)) {
+    auto fresh = std::make_unique<State>(state_->terrain, state_->settings, state_->pool);
+    fresh->insertionLimit = state_->insertionLimit;
+    state_ = std::move(fresh);
+    return {};
+  }
+  State& s = *state_;
+  s.motion.camera = camera;
+  s.effective = std::clamp(from.effectiveThreshold, s.settings.threshold, kMaxRaised * s.settings.threshold);
+  settings::IterationStats figures;
+  figures.generatedLeaves = static_cast<std::uint32_t>(from.leaves.size());
+  figures.generateMs = watch.lap();
+  s.evaluate(nullptr);
+  s.publish(true);
+  figures.refineMs = watch.lap();
+  return s.describe(figures);
+}
+
 void Pipeline::change(const settings::Settings& granted) {
   expects(granted.threshold > 0 && granted.triangleBudget > 0, "settings are granted before they are taken");
   State& s = *state_;

@@ -6,6 +6,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -14,6 +15,7 @@
 #include "common/mesh/leaf_mesh.h"
 #include "common/settings/settings.h"
 #include "common/terrain/terrain.h"
+#include "server/refinement/stored_vertex.h"
 #include "server/scheduling/pool.h"
 
 namespace ridgecast::generation {
@@ -34,6 +36,14 @@ struct Limits {
 // The settings with defaults filled in and limits applied (common/settings; candidates: settings::kMaxCandidates).
 settings::Settings grant(const settings::Settings& asked, const Limits& limits);
 
+// A mesh between two iterations: enough for another one to go on with the same triangles, to the bit. Those of a Delaunay triangulation are
+// a function of its vertices (common/triangulation), so none are stored.
+struct MeshState {
+  std::vector<lattice::LeafAddress> leaves;        // in canonical order
+  std::vector<refinement::StoredVertex> vertices;  // by leaf, then by square of level 8 what lies outside them; in each by x, then z
+  double effectiveThreshold = 0;                   // to which the budget has raised it
+};
+
 // A mesh that iterates and can be read between iterations. Pipeline is the implementation; with this interface a session can be tested
 // without it.
 class IteratingMesh {
@@ -42,6 +52,13 @@ class IteratingMesh {
 
   // One iteration. `camera` must satisfy camera::isValid.
   virtual settings::IterationStats iterate(const camera::Camera& camera) = 0;
+
+  // Its state; nothing: it has none yet, or cannot be restored.
+  virtual std::optional<MeshState> state() const { return {}; }
+  // Before the first iteration: takes this state, whose heights are those of the terrain, or of one that the next setGround() differs from;
+  // leaves() are then those that had it. It goes on for this camera. Nothing: no mesh of these settings has such a state, and this one is as
+  // it was.
+  virtual std::optional<settings::IterationStats> restore(const MeshState&, const camera::Camera&) { return {}; }
 
   // From the next iteration on. A new threshold, or a budget up to the one that the mesh was made for, keeps the mesh. A new metric, colour
   // error or larger budget rebuilds it; version numbers continue.
@@ -92,6 +109,8 @@ class Pipeline final : public IteratingMesh {
   Pipeline& operator=(const Pipeline&) = delete;
 
   settings::IterationStats iterate(const camera::Camera& camera) override;
+  std::optional<MeshState> state() const override;
+  std::optional<settings::IterationStats> restore(const MeshState& from, const camera::Camera& camera) override;
   void change(const settings::Settings& granted) override;
   void setGround(std::shared_ptr<const terrain::Terrain> terrain, std::span<const lattice::Area> changed) override;
   void setInsertionLimit(std::uint32_t most) override;

@@ -17,8 +17,6 @@ using refinement::Pending;
 
 namespace {
 
-// A budget that binds raises the threshold by at most this factor: one below the grids alone, which always stay, cannot be kept.
-constexpr double kMaxRaised = 100;
 // Vertices are removed below this share of the threshold.
 constexpr double kRemoval = 0.5;
 // The thesis never removes; with its metric vertices go only in leaves that the wide frustum does not see, when the budget is nearly full.

@@ -15,6 +15,8 @@ using generation::Leaf;
 inline constexpr double kClosely = 12, kMinClosely = 4, kMaxClosely = 100;
 // A close look takes at least this many triangles an iteration, if left: whole leaves, about a millisecond for each thousand.
 inline constexpr std::size_t kLookedAtOnce = 8'192;
+// A budget that binds raises the threshold by at most this factor: one below the grids alone, which always stay, cannot be kept.
+inline constexpr double kMaxRaised = 100;
 // At most this many insertions an iteration, the most wanted first, so that the newest camera never waits long.
 inline constexpr std::size_t kMaxInsertions = 24'000;
 

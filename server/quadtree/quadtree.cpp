@@ -113,6 +113,14 @@ void Quadtree::collapse(std::int32_t node) {
   freeChildren(node);
 }
 
+std::int32_t Quadtree::makeRoot(LeafAddress address) {
+  Root& root = roots_[rootSlot(address.i, address.j)];
+  expects(root.node < 0, "roots that are held share no slot");
+  root = {address.i, address.j, newFour()};
+  held_.push_back(address);
+  return root.node;
+}
+
 void Quadtree::followRoots(const View& view, const camera::Pose& pose) {
   if (nextRootCheck_ > travel_) return;
   nextRootCheck_ = kNever;
@@ -141,9 +149,7 @@ void Quadtree::followRoots(const View& view, const camera::Pose& pose) {
         nextRootCheck_ = std::min(nextRootCheck_, travel_ + slack - kSlack);
         continue;
       }
-      expects(roots_[rootSlot(i, j)].node < 0, "roots that are held share no slot");
-      roots_[rootSlot(i, j)] = {i, j, newFour()};
-      held_.push_back(address);
+      makeRoot(address);
       made_.push_back(address);
     }
   std::sort(held_.begin(), held_.end());
@@ -185,14 +191,14 @@ std::uint32_t Quadtree::tagAt(lattice::Point p) const {
 }
 
 // Walks along the ring just outside, from leaf to leaf.
-void Quadtree::touchingTags(LeafAddress leaf, std::vector<std::uint32_t>& tags) const {
-  tags.clear();
+template <class F>
+void Quadtree::forEachTouching(LeafAddress leaf, F&& f) const {
   const Step x0 = leaf.x() - 1, z0 = leaf.z() - 1, x1 = leaf.x() + leaf.side(), z1 = leaf.z() + leaf.side();
   const auto along = [&](bool horizontal, Step fixed, Step from, Step to) {
     for (Step at = from; at <= to;) {
-      const auto [node, level] = descend(horizontal ? lattice::Point{at, fixed} : lattice::Point{fixed, at}, 0);
-      if (node >= 0) tags.push_back(nodes_[node].tag);
-      const int bits = lattice::kFinestSideBits + level;
+      const Place touching = descend(horizontal ? lattice::Point{at, fixed} : lattice::Point{fixed, at}, 0);
+      if (touching.node >= 0) f(touching);
+      const int bits = lattice::kFinestSideBits + touching.level;
       at = lattice::floorTo(at, bits) + (Step{1} << bits);
     }
   };
@@ -200,8 +206,41 @@ void Quadtree::touchingTags(LeafAddress leaf, std::vector<std::uint32_t>& tags) 
   along(true, z1, x0, x1);
   along(false, x0, z0, z1);
   along(false, x1, z0, z1);
+}
+
+void Quadtree::touchingTags(LeafAddress leaf, std::vector<std::uint32_t>& tags) const {
+  tags.clear();
+  forEachTouching(leaf, [&](const Place& other) { tags.push_back(nodes_[other.node].tag); });
   std::sort(tags.begin(), tags.end());
   tags.erase(std::unique(tags.begin(), tags.end()), tags.end());
+}
+
+bool Quadtree::restore(const std::vector<LeafAddress>& leaves) {
+  expects(held_.empty(), "a tree is restored before it follows a camera");
+  constexpr std::int64_t kReach = kRootSlots / 2;  // so that any two of them share no slot
+  for (const LeafAddress& leaf : leaves) {
+    if (leaf.level > kRootLevel || !lattice::addressIsValid(leaf) || !liesOnLattice(leaf)) return false;
+    const LeafAddress root = lattice::leafAt({leaf.x(), leaf.z()}, kRootLevel);
+    const LeafAddress first = held_.empty() ? root : held_.front();
+    if (std::abs(root.i - first.i) >= kReach || std::abs(root.j - first.j) >= kReach) return false;
+    std::int32_t node = rootAt(root.i, root.j);
+    if (node < 0) node = makeRoot(root);
+    for (int level = kRootLevel; level > leaf.level; --level) {
+      if (nodes_[node].children < 0) makeChildren(node);
+      const int bits = lattice::kFinestSideBits + level - 1;
+      node = nodes_[node].children + static_cast<std::int32_t>(((leaf.x() >> bits) & 1) + 2 * ((leaf.z() >> bits) & 1));
+    }
+  }
+  std::sort(held_.begin(), held_.end());
+  made_ = leaves;
+  // As many as the tree has, and each is one: all of them.
+  std::size_t count = held_.size();
+  for (const Node& node : nodes_) count += node.children >= 0 ? 3 : 0;
+  return count == leaves.size() && std::ranges::all_of(leaves, [this](LeafAddress leaf) {
+    bool isBalanced = isLeaf(leaf);
+    forEachTouching(leaf, [&](const Place& other) { isBalanced = isBalanced && std::abs(other.level - leaf.level) <= 1; });
+    return isBalanced;
+  });
 }
 
 void Quadtree::setTag(LeafAddress leaf, std::uint32_t tag) {

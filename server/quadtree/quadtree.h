@@ -34,6 +34,9 @@ class Quadtree {
   // Follows the camera; ground: height of the ground below it in metres. Returns whether any leaf came or went. A leaf that is new
   // has tag 0, and is to get one before the next call.
   bool follow(const camera::Pose& pose, double ground);
+  // An empty tree gets these leaves, in canonical order, as made(): those of a tree that followed some camera. False: there is no such tree,
+  // and this one is not to be used any more.
+  bool restore(const std::vector<lattice::LeafAddress>& leaves);
   // By the last follow(): the leaves that came, in canonical order, and the tags of those that went, in any.
   const std::vector<lattice::LeafAddress>& made() const { return made_; }
   const std::vector<std::uint32_t>& gone() const { return gone_; }
@@ -79,12 +82,15 @@ class Quadtree {
   };
   Place descend(lattice::Point p, int finest) const;
   std::int32_t find(lattice::LeafAddress address) const;  // -1: no leaf
+  template <class F>
+  void forEachTouching(lattice::LeafAddress leaf, F&& f) const;  // f(place): of leaves, several times where they are larger
   std::int32_t newFour();
   void makeChildren(std::int32_t node);
   void freeChildren(std::int32_t node);
   void drop(std::int32_t node);
   double distance(const View& view, lattice::LeafAddress square) const;
   double update(const View& view, std::int32_t node, lattice::LeafAddress address);
+  std::int32_t makeRoot(lattice::LeafAddress address);
   void followRoots(const View& view, const camera::Pose& pose);
   void collapse(std::int32_t node);
 

@@ -1,6 +1,8 @@
 #include "server/refinement/adaptive_mesh.h"
 
+#include <algorithm>
 #include <cmath>
+#include <cstdlib>
 
 #include "common/mesh/extraction.h"
 #include "common/outcome/contract.h"
@@ -111,6 +113,69 @@ void AdaptiveMesh::insertGrid(std::span<const GridPoint> points, TriangleId& hin
     }
   }
   chooser_.addCurvatures(inserted, anchor_);
+}
+
+triangulation::Vertex AdaptiveMesh::vertexAt(const StoredVertex& p) const {
+  const Point2 q = local(p.at);
+  return {q.x, q.z, lattice::snapHeight(p.y, p.level), kNoEdge};
+}
+
+void AdaptiveMesh::store(RegionId region, std::vector<StoredVertex>& out) const {
+  const auto first = static_cast<std::ptrdiff_t>(out.size());
+  mesh_.vertexPages().forEach(region, [&](VertexId v) {
+    if (v == triangulation::kInfinite) return;
+    out.push_back({absolute(mesh_.vertex(v).point()), extra(v).fineY, static_cast<std::int32_t>(extra(v).level)});
+  });
+  std::sort(out.begin() + first, out.end(), [](const StoredVertex& l, const StoredVertex& r) { return l.at < r.at; });
+}
+
+// Three that are not on a line. False: there are none.
+bool AdaptiveMesh::startFrom(std::span<const StoredVertex> vertices) {
+  for (std::size_t k = 2; k < vertices.size(); ++k)
+    if (orientation(local(vertices[0].at), local(vertices[1].at), local(vertices[k].at)) != 0) {
+      mesh_.start(vertexAt(vertices[0]), vertexAt(vertices[1]), vertexAt(vertices[k]));
+      return true;
+    }
+  return false;
+}
+
+bool AdaptiveMesh::restore(std::span<const StoredVertex> vertices, const std::vector<bool>& fixed) {
+  expects(mesh_.empty() && fixed.size() == vertices.size(), "what is restored is empty");
+  constexpr lattice::Step kReach = lattice::Step{1} << 25;
+  for (const StoredVertex& p : vertices) {
+    const bool isNear = std::abs(p.at.x - anchor_.x) < kReach && std::abs(p.at.z - anchor_.z) < kReach;
+    if (!isNear || std::abs(p.y) > lattice::kMaxHeight || p.level < 0 || p.level > lattice::kMaxLevel) return false;
+  }
+  if (!startFrom(vertices)) return false;
+  std::vector<VertexId> restored;
+  restored.reserve(vertices.size());
+  TriangleId hint = mesh_.anyTriangle();
+  const auto put = [&](const StoredVertex& p, bool isFixed) {
+    const Point2 at = local(p.at);
+    hint = mesh_.locate(at, hint, everything_);
+    VertexId v = triangulation::kInfinite;
+    const Change change = mesh_.insert(vertexAt(p), hint, everything_, &v);
+    if (change == Change::kDone)
+      hint = mesh_.edgeOf(v) >> 2;
+    else if (change != Change::kDuplicate)
+      return false;
+    else
+      for (VertexId corner : mesh_.triangle(hint).v)  // one that it began with, or it is there twice
+        if (corner != triangulation::kInfinite && mesh_.vertex(corner).point() == at) v = corner;
+    expects(v != triangulation::kInfinite, "a point that is there is a vertex");
+    RegionState& state = stateOf(v);
+    losses_.put(v, p.y, p.level, isFixed ? LossStore::kFixed : 0);
+    losses_.wake(v, state);
+    state.ground.add({p.y, p.y});
+    restored.push_back(v);
+    return true;
+  };
+  // The grids first: they bound what the others change.
+  for (const bool isFixed : {true, false})
+    for (std::size_t k = 0; k < vertices.size(); ++k)
+      if (fixed[k] == isFixed && !put(vertices[k], isFixed)) return false;
+  chooser_.addCurvatures(restored, anchor_);
+  return mesh_.liveVertices() == vertices.size();
 }
 
 void AdaptiveMesh::drop(VertexId v) {

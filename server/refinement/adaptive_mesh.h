@@ -22,6 +22,7 @@
 #include "server/refinement/chooser.h"
 #include "server/refinement/loss_store.h"
 #include "server/refinement/records.h"
+#include "server/refinement/stored_vertex.h"
 #include "server/refinement/view.h"
 
 namespace ridgecast::refinement {
@@ -93,6 +94,11 @@ class AdaptiveMesh {
   bool isFixed(VertexId v) const { return losses_.isFixed(v); }
   void setFixed(VertexId v, bool fixed) { losses_.setFixed(v, fixed, stateOf(v)); }  // one region
   void drop(VertexId v);                                                             // fixed or not
+  // Appends the region's vertices, ascending by x, then z. One region.
+  void store(RegionId region, std::vector<StoredVertex>& out) const;
+  // Fills an empty mesh that has its regions; `fixed` has one for each vertex. What is not fixed is looked at by the next findWork(). False:
+  // they are all on one line, two are the same, or they are too many, too far away or out of range; then the mesh is of no use.
+  bool restore(std::span<const StoredVertex> vertices, const std::vector<bool>& fixed);
   // Snaps a vertex to the level of the region that holds it, where it is more than one level off.
   void snap(VertexId v);
 
@@ -156,6 +162,8 @@ class AdaptiveMesh {
   int levelAt(triangulation::Point2 p) const { return regions_[partition_.regionAt(p)].level; }
   RegionState& stateOf(VertexId v) { return regions_[mesh_.regionOfVertex(v)]; }
   triangulation::Vertex vertexAt(const GridPoint& p) const;
+  triangulation::Vertex vertexAt(const StoredVertex& p) const;
+  bool startFrom(std::span<const StoredVertex> vertices);
   triangulation::Moves moves(std::vector<VertexId>* moved);
   void setHeight(VertexId v, std::int32_t y) {
     mesh_.setHeight(v, y);

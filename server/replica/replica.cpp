@@ -12,7 +12,7 @@ Replica::Replica(std::uint32_t window, bool followsPoints) : window_(std::max(wi
 
 bool Replica::resume(std::span<const wire::HeldLeaf> leaves) {
   expects(lastSent_ == 0, "a client resumes before the first iteration");
-  if (held_.size() + leaves.size() > wire::kMaxResumed) return false;
+  if (unnamed_ != 0 || held_.size() + leaves.size() > wire::kMaxResumed) return false;
   scratch_ = held_;
   for (const wire::HeldLeaf& leaf : leaves) scratch_.push_back({leaf.address, 0, 0, leaf.hash, false});
   std::ranges::sort(scratch_, {}, &Held::address);
@@ -22,7 +22,39 @@ bool Replica::resume(std::span<const wire::HeldLeaf> leaves) {
   return true;
 }
 
+bool Replica::resume(std::uint64_t meshHash) {
+  expects(lastSent_ == 0 && followsPoints_ && meshHash != 0, "a client that follows points resumes before the first iteration");
+  if (unnamed_ != 0 || !held_.empty()) return false;
+  unnamed_ = meshHash;
+  return true;
+}
+
+void Replica::restore(std::span<const mesh::LeafState> leaves) {
+  expects(lastSent_ == 0, "a client resumes before the first iteration");
+  held_.clear();
+  meshHash_ = unnamed_ = 0;
+  for (const mesh::LeafState& leaf : leaves) {
+    held_.push_back({leaf.address, leaf.version, leaf.points, leaf.hash, false});
+    meshHash_ += mesh::hashTerm(leaf.address, leaf.hash);
+  }
+}
+
+// By bytes: those that differ whole, or all by points, each about as the terrains at hand are coded.
+bool Replica::isShorterAnew(std::span<const mesh::LeafState> leaves) const {
+  constexpr double kWhole = 24, kWholeTriangle = 1.9, kName = 9, kTriangle = 1.1;
+  double whole = 0, anew = kName * static_cast<double>(held_.size() + leaves.size());
+  auto held = held_.cbegin();
+  for (const mesh::LeafState& leaf : leaves) {
+    while (held != held_.cend() && held->address < leaf.address) ++held;
+    const bool isSame = held != held_.cend() && held->address == leaf.address && held->hash == leaf.hash && !held->again;
+    if (!isSame) whole += kWhole + kWholeTriangle * leaf.triangles;
+    anew += kTriangle * leaf.triangles;
+  }
+  return anew < whole;
+}
+
 bool Replica::resumes(std::span<const mesh::LeafState> leaves) const {
+  if (lastSent_ == 0 && unnamed_ != 0) return true;
   if (lastSent_ != 0 || held_.empty()) return false;
   std::size_t known = 0;
   auto held = held_.cbegin();
@@ -37,6 +69,17 @@ Changes Replica::send(std::span<const mesh::LeafState> leaves) {
   expects(hasRoom(), "an iteration is sent where the window has room");
   Changes changes;
   changes.anew = lastSent_ == 0 || repairs(leaves);
+  if (unnamed_ != 0) {
+    std::uint64_t hash = 0;
+    for (const mesh::LeafState& leaf : leaves) hash += mesh::hashTerm(leaf.address, leaf.hash);
+    if (hash == unnamed_) restore(leaves);
+    unnamed_ = 0;
+  }
+  if (lastSent_ == 0 && followsPoints_ && isShorterAnew(leaves)) {
+    for (const Held& held : held_) changes.gone.push_back(held.address);
+    held_.clear();
+    meshHash_ = 0;
+  }
   const bool whole = !followsPoints_ || (changes.anew && !held_.empty());
   scratch_.clear();
   scratch_.reserve(leaves.size());

@@ -13,6 +13,9 @@
 //        +--------------------+  +------------------+
 //               gone
 //
+// A client that follows points and holds other leaves than the mesh's when it resumes begins anew: all of them are gone, and all of the mesh's
+// come. With the first iteration it has seen all that it had, and points from nothing are fewer bytes than most leaves whole.
+//
 // Not thread-safe. Memory: about 48 bytes a leaf; a number and a hash for each unacknowledged iteration (at most `window`).
 
 #include <cstdint>
@@ -30,7 +33,8 @@ inline constexpr std::uint32_t kDefaultWindow = 4;  // iterations
 // Repairs in a row, without a matching hash in between, before the client is given up.
 inline constexpr int kMaxRepairs = 3;
 
-// What the next iteration must carry. Addresses in canonical order; no leaf is in two lists.
+// What the next iteration must carry. Addresses in canonical order. No leaf is in two lists, except that a client that begins anew may get
+// one back that is gone.
 struct Changes {
   std::uint64_t number = 0;                 // of the iteration, ascending by 1 from 1
   std::vector<lattice::LeafAddress> gone;   // held, and no longer part of the mesh
@@ -60,7 +64,13 @@ class Replica {
   // a leaf is listed twice, or there are more than wire::kMaxResumed in all.
   bool resume(std::span<const wire::HeldLeaf> leaves);
   void setFollowsPoints(bool follows) { followsPoints_ = follows; }
-  // Before the first send(): whether the client resumed at least half of these leaves, with any content. `leaves` as in send().
+  // The same of a client that follows points and says only the hash of what it holds: it drops all of it with the first iteration, unless
+  // that has this hash. False, with nothing changed: leaves were named, or a hash was said before.
+  bool resume(std::uint64_t meshHash);
+  std::uint64_t resumedHash() const { return unnamed_; }  // 0: none
+  // Before the first send(): the client holds exactly these. `leaves` as in send().
+  void restore(std::span<const mesh::LeafState> leaves);
+  // Before the first send(): whether the client resumed at least half of these leaves, with any content, or did not say which it holds.
   bool resumes(std::span<const mesh::LeafState> leaves) const;
 
   // Whether another iteration may be sent: fewer than `window` are unacknowledged.
@@ -101,6 +111,7 @@ class Replica {
     std::uint64_t meshHash = 0;
   };
   bool repairs(std::span<const mesh::LeafState> leaves) const;  // one of these leaves was requested again
+  bool isShorterAnew(std::span<const mesh::LeafState> leaves) const;
 
   std::uint32_t window_;
   bool followsPoints_;
@@ -110,6 +121,7 @@ class Replica {
   std::uint64_t lastSent_ = 0;
   std::uint64_t judgedAfter_ = 0;  // iterations up to this one were sent before a repair
   std::uint64_t meshHash_ = 0;
+  std::uint64_t unnamed_ = 0;  // hash of leaves that the client holds and has not named; 0: none
   int repairs_ = 0;  // since hashes last agreed
   bool owes_ = false;
 };

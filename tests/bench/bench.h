@@ -53,5 +53,6 @@ Report deltas(const Options&);
 Report cameras(const Options&);
 Report edits(const Options&);
 Report doors(const Options&);
+Report resume(const Options&);
 
 }  // namespace ridgecast::bench

@@ -37,6 +37,7 @@ const Entry kEntries[] = {
     {"deltas", "what changed in a leaf against sending the leaf whole", deltas},
     {"edits", "a log of edits: commits a second, cold starts from the cached ground and from the edits", edits},
     {"doors", "the stream against whole leaves, 3D Tiles and Terrarium tiles, along the evaluation's flights", doors},
+    {"resume", "what a client that comes back costs: a start, a resume, a handover by a checkpoint", resume},
     {"soak", "an hour's flight: budget, memory, soundness", soak},
     {"heights", "heights in batches against scalar double", heights},
 };

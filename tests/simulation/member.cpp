@@ -306,12 +306,13 @@ void Member::look() {
   if (!thinks_)
     if (const auto received = conversation().receive()) take(received->iteration);
   if (!thinks_ && client_->hasReturned()) {
-    client_->goOn(follower_.resume());
+    client_->goOn(follower_.enter(client_->coming()));
     begin(sequence_ - 1);  // the newest pose was said again
   }
   if (!connected()) return;
   if (!begun_) {
     follower_.follow({nature_.hello.points, world().shadedVertices, world().settings.triangleBudget});
+    follower_.enter(world());
     begin(sequence_);
     pose();
   }

@@ -28,14 +28,17 @@ Follower::Answer Follower::answer(const wire::Iteration& iteration, const Outcom
   return answer;
 }
 
-std::vector<wire::Resume> Follower::resume() {
-  scene_.reconnect();
+std::vector<wire::Resume> Follower::enter(const wire::World& world) {
+  const std::string key = std::exchange(resumeKey_, world.resumeKey);
+  const bool unnamed = points_ && world.revision >= 7 && scene_.hash() != 0;
+  scene_.reconnect(unnamed);
   asked_ = false;
+  if (unnamed) return {{{}, key, scene_.hash()}};
   const std::vector<wire::HeldLeaf> held = scene_.held();
   std::vector<wire::Resume> out;
   for (auto at = held.begin(); at != held.end();) {
     const auto end = at + std::min<std::ptrdiff_t>(held.end() - at, wire::kMaxResumeLeaves);
-    out.push_back({{at, end}});
+    out.push_back({{at, end}, {}, 0});
     at = end;
   }
   return out;

@@ -8,6 +8,7 @@
 // Not thread-safe; one owner.
 
 #include <optional>
+#include <string>
 #include <vector>
 
 #include "client/core/mesh/scene.h"
@@ -26,7 +27,10 @@ class Follower {
   };
 
   // Before the first iteration.
-  void follow(const core::Scene::Following& what) { scene_.follow(what); }
+  void follow(const core::Scene::Following& what) {
+    points_ = what.points;
+    scene_.follow(what);
+  }
 
   // Iterations in the order of the connection. Leaves are made when they are read.
   Answer apply(const wire::Iteration& iteration) { return answer(iteration, scene_.apply(iteration)); }
@@ -35,8 +39,9 @@ class Follower {
   Outcome<core::Scene::Prepared> prepare(const wire::Iteration& iteration) { return scene_.prepare(iteration); }
   Answer take(const wire::Iteration& iteration, Outcome<core::Scene::Prepared> prepared);
 
-  // A new connection to the same world begins: what to say before its first pose, so that only what is missing comes.
-  std::vector<wire::Resume> resume();
+  // A connection to this world, which is the same as before, if anything is held: what to say before its first pose, so that only what is
+  // missing comes.
+  std::vector<wire::Resume> enter(const wire::World& world);
 
   const core::Scene& scene() const { return scene_; }
 
@@ -44,7 +49,9 @@ class Follower {
   Answer answer(const wire::Iteration& iteration, const Outcome<void>& applied);
 
   core::Scene scene_;
-  bool asked_ = false;  // for all leaves, and they have not come yet
+  bool asked_ = false;      // for all leaves, and they have not come yet
+  std::string resumeKey_;  // of the last connection
+  bool points_ = false;
 };
 
 }  // namespace ridgecast::core

@@ -103,6 +103,12 @@ class Preparation {
   }
 
   Outcome<void> drop() {
+    if (scene_.dropsAllFor(iteration_)) {
+      for (const auto& [address, leaf] : scene_.index()) {
+        out_.gone.insert(address);
+        subtract(address, leaf);
+      }
+    }
     for (const lattice::LeafAddress& address : iteration_.gone) {
       const auto leaf = scene_.index().find(address);
       if (leaf == scene_.index().end() && scene_.lost()) continue;
@@ -290,7 +296,9 @@ const HeldLeaf* Scene::leaf(const lattice::LeafAddress& address) const {
 void Scene::take(Prepared&& prepared) {
   expects(iteration_ == 0 || prepared.number == iteration_ + 1, "what is taken was prepared for this scene");
   ++version_;
-  for (const lattice::LeafAddress& address : prepared.gone) leaves_.erase(address);
+  unnamed_ = false;
+  gone_ = std::move(prepared.gone);
+  for (const lattice::LeafAddress& address : gone_) leaves_.erase(address);
   for (auto& [address, leaf] : prepared.fresh) {
     leaf.version = version_;
     made_ = made_ && leaf.mesh;
@@ -331,6 +339,8 @@ void Scene::clear() {
   came_ = 0;
   hash_ = triangles_ = iteration_ = 0;
   lost_ = true;
+  unnamed_ = false;
+  gone_.clear();
 }
 
 std::optional<Scene::Place> Scene::locate(lattice::Point at) const {

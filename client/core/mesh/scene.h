@@ -83,8 +83,16 @@ class Scene {
   // Received points do not fit those held: leaves made by points stay as last made, or are empty, until all come whole.
   bool lost() const { return lost_; }
 
-  // The connection was lost, and what is held stays: the next iteration is the first of a new connection.
-  void reconnect() { iteration_ = 0; }
+  // The connection was lost, and what is held stays: the next iteration is the first of a new connection. `unnamed`: the server is told only
+  // the hash of what is held, so that iteration says nothing of its leaves: all of them go before it is applied, unless it has that hash and
+  // brings none.
+  void reconnect(bool unnamed) {
+    iteration_ = 0;
+    unnamed_ = unnamed;
+  }
+  bool dropsAllFor(const wire::Iteration& iteration) const {
+    return unnamed_ && (iteration.meshHash != hash_ || !iteration.come.empty() || !iteration.whole.empty());
+  }
   // The leaves held, to be named to a server; empty if too many for it.
   std::vector<wire::HeldLeaf> held() const;
 
@@ -92,6 +100,8 @@ class Scene {
   const Leaves& leaves() const;
   // One of them, made; null: it is not held. Valid until the leaf is replaced.
   const HeldLeaf* leaf(const lattice::LeafAddress& address) const;
+  // Those that the last iteration took away, whether or not it brought them back.
+  const std::set<lattice::LeafAddress>& gone() const { return gone_; }
   // All leaves as they are, made or not.
   const Leaves& index() const { return leaves_; }
   std::uint64_t hash() const { return hash_; }  // sum of mesh::hashTerm over the leaves held
@@ -116,7 +126,8 @@ class Scene {
   mutable bool made_ = true;  // all leaves
   std::uint64_t hash_ = 0, triangles_ = 0, iteration_ = 0, version_ = 0;
   Following following_;
-  bool lost_ = false;
+  bool lost_ = false, unnamed_ = false;
+  std::set<lattice::LeafAddress> gone_;
   std::vector<PointMesh::Changed> changed_;
   std::uint64_t came_ = 0;
   std::unique_ptr<PointMesh> points_;  // made for the first iteration, where points are followed

@@ -191,7 +191,7 @@ class Client {
       follower_ = {};
       follower_.follow({.points = true, .triangles = coming.settings.triangleBudget});
     }
-    const auto held = follower_.resume();
+    const auto held = follower_.enter(coming);
     if (isFirst)
       for (const wire::Resume& part : held) conversation().resume(part);
     else
@@ -255,7 +255,8 @@ class Client {
       painting_.candidates(iteration);
     }
     const bool holdsNothing = scene.iteration() == 0;
-    painting_.change(scene, iteration.gone, holdsNothing, Painting::Taken{entered_, answer.acknowledge});
+    const std::vector<lattice::LeafAddress> gone(scene.gone().begin(), scene.gone().end());
+    painting_.change(scene, gone, holdsNothing, Painting::Taken{entered_, answer.acknowledge});
     const double latency = answered(iteration.poseSequence, now);
     figures_.iteration = iteration.number;
     figures_.edit = iteration.edit;
