@@ -82,7 +82,7 @@ void clientSeeds() {
   second.sequence = 2;
   second.state = {7, 0, 255};
   using M = wire::ClientMessage;
-  const wire::Resume resume{{{{0, 1, 2}, 3}, {{1, 2, -2}, 9}}};
+  const wire::Resume resume{{{{0, 1, 2}, 3}, {{1, 2, -2}, 9}}, {}, 0};
   for (const M& m :
        {M(hello), M(pose), M(wire::Acknowledge{1, 7}), M(wire::ResendLeaves{{{0, 0, 0}, {3, -4, 5}}}), M(wire::ResendLeaves{}), M(resume)})
     write("client", framed<M>({m}));

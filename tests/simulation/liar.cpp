@@ -114,7 +114,7 @@ wire::ClientMessage Liar::message() {
     case 2:
       return wire::ResendLeaves{};
     case 3:
-      return wire::Resume{{{{2, 5, static_cast<std::int64_t>(number)}, wild}}};
+      return wire::Resume{{{{2, 5, static_cast<std::int64_t>(number)}, wild}}, {}, 0};
     case 4:
       return wire::AskClock{wild};
     case 5:

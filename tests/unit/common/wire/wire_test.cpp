@@ -26,9 +26,9 @@ const std::string kPose =
 const std::string kWorld =
     R"(world { protocol_version: 1 server_name: "ridgecast-server" session: "exercise-7" terrain_name: "alpine" )"
     R"(terrain_source: "float h;" seed: 4000000000 content_hash: 18364758544493064720 step_bits: 8 horizon: 32000 )"
-    R"(settings { metric: METRIC_PIXELS threshold: 1.5 triangle_budget: 500000 } window: 3 camera: 17 revision: 6 )"
+    R"(settings { metric: METRIC_PIXELS threshold: 1.5 triangle_budget: 500000 } window: 3 camera: 17 revision: 7 )"
     R"(height_map { origin_x: -5 origin_z: 1125899906842624 width: 10 height: 20 lowest: -300 highest: 4 content: 77 draped: true )"
-    R"(pitch_x: 8053063680 pitch_z: 26843546 } shaded_vertices: true edit: 6 compacted: 2 })";
+    R"(pitch_x: 8053063680 pitch_z: 26843546 } shaded_vertices: true edit: 6 compacted: 2 resume_key: "\001k" })";
 const std::string kIteration =
     R"(iteration { number: 1099511627776 pose_sequence: 77 gone { i: -1 j: 2 } gone { level: 10 i: 4 j: -4 } )"
     R"(whole { address { level: 3 i: 5 j: 6 } vertices: 4 triangles: 2 payload: "\000\377\007" error: 0.5 shades: "s" } )"
@@ -66,7 +66,8 @@ TEST(Wire, ValuesOfAClientAreTheSchemasFields) {
   expectText(somePose(), kPose);
   expectText(Acknowledge{5, 6}, R"(acknowledge { iteration: 5 mesh_hash: 6 })");
   expectText(ResendLeaves{{{1, -2, 3}}}, R"(resend_leaves { leaves { level: 1 i: -2 j: 3 } })");
-  expectText(Resume{{{{3, -5, 6}, 7}}}, R"(resume { leaves { address { level: 3 i: -5 j: 6 } hash: 7 } })");
+  expectText(Resume{{{{3, -5, 6}, 7}}, {}, 0}, R"(resume { leaves { address { level: 3 i: -5 j: 6 } hash: 7 } })");
+  expectText(Resume{{}, "key", 9}, R"(resume { key: "key" mesh_hash: 9 })");
   expectText(AskClock{12}, R"(ask_clock { echo: 12 })");
   expectText(SetClock{true, ClockMode::kStepped, 0.5, 4}, R"(set_clock { own: true mode: CLOCK_STEPPED rate: 0.5 time: 4 })");
   expectText(ClockStep{4, true}, R"(step { time: 4 wait: true })");
@@ -103,6 +104,7 @@ TEST(Wire, ValuesOfAServerAreTheSchemasFields) {
   world.shadedVertices = true;
   world.edit = 6;
   world.compacted = 2;
+  world.resumeKey = "\001k";
   expectText(world, kWorld);
   Iteration it;
   it.number = 1ull << 40;

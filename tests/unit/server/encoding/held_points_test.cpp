@@ -154,7 +154,7 @@ TEST(HeldPoints, AreThoseOfTheLeavesAfterARepairAndForWhoResumes) {
   for (int k = 0; k < (testing_support::kSanitized ? 20 : 60); ++k) {
     if (k % 20 == 10) f.replica.resend({});
     if (k % 20 == 19) {
-      f.scene.reconnect();
+      f.scene.reconnect(false);
       f.replica = replica::Replica(1, true);
       ASSERT_TRUE(f.replica.resume(f.scene.held()));
     }

@@ -69,10 +69,18 @@ TEST_F(SessionTest, AClientThatResumesDoesNotWaitForLong) {
 }
 
 TEST_F(SessionTest, ResumingOutOfPlaceOrTwiceIsRefused) {
-  const wire::Resume held{{{kA, 1}}};
+  const wire::Resume held{{{kA, 1}}, {}, 0};
   EXPECT_EQ(refusal({held}).code, ErrorCode::kMalformed);
   EXPECT_EQ(refusal({hello(), pose(1), held}).code, ErrorCode::kMalformed);
   EXPECT_EQ(refusal({hello(), held, held}).code, ErrorCode::kInvalid);
+  const wire::Resume unnamed{{}, "key", 9}, both{{{kA, 1}}, {}, 9};
+  wire::Hello follows = hello();
+  follows.points = true;
+  EXPECT_EQ(refusal({hello(), unnamed}).code, ErrorCode::kInvalid) << "without points";
+  EXPECT_EQ(refusal({follows, unnamed, unnamed}).code, ErrorCode::kInvalid);
+  EXPECT_EQ(refusal({follows, held, unnamed}).code, ErrorCode::kInvalid);
+  EXPECT_EQ(refusal({follows, unnamed, held}).code, ErrorCode::kInvalid);
+  EXPECT_EQ(refusal({follows, both}).code, ErrorCode::kInvalid);
 }
 
 }  // namespace

@@ -21,7 +21,9 @@ LeafAddress at(int i, int j = 0, int level = 2) { return {level, i, j}; }
 struct World {
   std::map<LeafAddress, mesh::LeafState> leaves;
   std::uint64_t versions = 0;
-  void set(LeafAddress a, std::uint64_t hash) { leaves[a] = {a, ++versions, hash, hash ? 5u : 0u}; }
+  void set(LeafAddress a, std::uint64_t hash, std::uint32_t triangles = 5) {
+    leaves[a] = {a, ++versions, hash, hash ? triangles : 0u};
+  }
   std::vector<mesh::LeafState> list() const {
     std::vector<mesh::LeafState> out;
     for (const auto& [a, s] : leaves) out.push_back(s);
@@ -127,6 +129,56 @@ TEST(Replica, ResendsNamedLeavesAndIgnoresStrangers) {
   EXPECT_FALSE(replica.owes());
   replica.resend({});
   EXPECT_THAT(replica.send(world.list()).whole, testing::SizeIs(4));
+}
+
+// Of large leaves that all differ, points are fewer bytes; of one that differs, it alone.
+TEST(Replica, AClientThatFollowsPointsBeginsAnewWhereThatIsShorter) {
+  World world;
+  for (int k = 1; k <= 4; ++k) world.set(at(k), static_cast<std::uint64_t>(10 + k), 1000);
+  for (const bool follows : {true, false}) {
+    Replica replica(4, follows);
+    ASSERT_TRUE(replica.resume(std::vector<wire::HeldLeaf>{{at(1), 91}, {at(2), 92}, {at(3), 93}, {at(4), 94}, {at(9), 95}}));
+    const auto changes = replica.send(world.list());
+    EXPECT_EQ(changes.gone.size(), follows ? 5u : 1u);
+    EXPECT_EQ(changes.come.size(), follows ? 4u : 0u);
+    EXPECT_EQ(changes.whole.size(), follows ? 0u : 4u);
+    EXPECT_TRUE(changes.anew);
+    EXPECT_EQ(changes.meshHash, replica.meshHash());
+    EXPECT_EQ(replica.acknowledge(1, changes.meshHash), Verdict::kAgrees);
+  }
+  Replica replica(4, true);
+  ASSERT_TRUE(replica.resume(std::vector<wire::HeldLeaf>{{at(1), 11}, {at(2), 92}, {at(3), 13}, {at(4), 14}}));
+  const auto changes = replica.send(world.list());
+  EXPECT_THAT(changes.whole, ElementsAre(at(2)));
+  EXPECT_TRUE(changes.gone.empty() && changes.come.empty());
+}
+
+TEST(Replica, AClientThatNamesNoLeafKeepsThemIfTheyAreTheMesh) {
+  World world;
+  for (int k = 1; k <= 4; ++k) world.set(at(k), static_cast<std::uint64_t>(10 + k), 1000);
+  std::uint64_t hash = 0;
+  for (const mesh::LeafState& leaf : world.list()) hash += mesh::hashTerm(leaf.address, leaf.hash);
+  for (const bool isSame : {true, false}) {
+    Replica replica(4, true);
+    EXPECT_EQ(replica.resumedHash(), 0u);
+    ASSERT_TRUE(replica.resume(isSame ? hash : hash + 1));
+    EXPECT_NE(replica.resumedHash(), 0u);
+    EXPECT_FALSE(replica.resume(hash)) << "once";
+    EXPECT_FALSE(replica.resume(std::vector<wire::HeldLeaf>{{at(1), 11}})) << "one or the other";
+    EXPECT_TRUE(replica.resumes(world.list())) << "nobody knows how much of it";
+    const auto changes = replica.send(world.list());
+    EXPECT_EQ(changes.come.size(), isSame ? 0u : 4u);
+    EXPECT_TRUE(changes.gone.empty() && changes.whole.empty());
+    EXPECT_EQ(changes.meshHash, hash);
+    EXPECT_EQ(replica.leaves(), 4u);
+    EXPECT_FALSE(replica.differs(world.list()));
+  }
+  Replica restored(4, true);
+  ASSERT_TRUE(restored.resume(hash));
+  restored.restore(world.list());
+  EXPECT_EQ(restored.meshHash(), hash);
+  world.set(at(2), 99, 1000);
+  EXPECT_THAT(restored.send(world.list()).whole, ElementsAre(at(2)));
 }
 
 TEST(Replica, KnowsAClientThatResumesMostOfTheMesh) {

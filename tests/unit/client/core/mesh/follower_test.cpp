@@ -65,10 +65,15 @@ struct Stream {
     follows = between(random, 0, 5) != 0;
     server = Replica(static_cast<std::uint32_t>(between(random, 1, 4)), follows);
     encoder.emplace(terrain, executor.makePool(), encoding::Form{follows, false, false});
-    const auto held = follower.resume();
+    wire::World world;
+    world.revision = random() % 2 == 0 ? 6 : 7;
     follower.follow({follows, false});
-    for (const wire::Resume& part : held) EXPECT_TRUE(server.resume(part.leaves));
-    EXPECT_EQ(server.meshHash(), follower.scene().hash());
+    const auto held = follower.enter(world);
+    for (const wire::Resume& part : held) {
+      EXPECT_EQ(part.meshHash != 0, follows && world.revision == 7);
+      EXPECT_TRUE(part.meshHash != 0 ? server.resume(part.meshHash) : server.resume(part.leaves));
+    }
+    EXPECT_EQ(server.meshHash() + server.resumedHash(), follower.scene().hash());
   }
 
   void send() {
@@ -238,21 +243,51 @@ TEST(Follower, AsksOnceUntilTheHashesAgree) {
   EXPECT_TRUE(twice.wrong && !twice.resend);
   EXPECT_FALSE(follower.apply(iterationOf(3, {leaf}, mesh::hashTerm(leaf.address, mesh::hashLeaf(leaf)))).wrong);
   EXPECT_TRUE(follower.apply(iterationOf(4, {}, 7)).resend);
-  follower.resume();
+  follower.enter({});
   EXPECT_TRUE(follower.apply(iterationOf(1, {}, 7)).resend) << "over this connection nothing was requested yet";
+}
+
+TEST(Follower, SaysTheHashOfWhatItHoldsToAServerThatKnowsIt) {
+  Random random(5);
+  const mesh::LeafMesh leaf = support::terrainLike(random, 4, 0), other = support::terrainLike(random, 4, 1);
+  const std::uint64_t hash = mesh::hashTerm(leaf.address, mesh::hashLeaf(leaf)), hashOfOther = mesh::hashTerm(other.address, mesh::hashLeaf(other));
+  for (const bool keeps : {true, false}) {
+    Follower follower;
+    follower.follow({.points = true, .shades = false});
+    wire::World world;
+    world.resumeKey = "first";
+    EXPECT_TRUE(follower.enter(world).empty());
+    EXPECT_FALSE(follower.apply(iterationOf(1, {leaf}, hash)).wrong);
+    world.resumeKey = "second";
+    const auto said = follower.enter(world);
+    ASSERT_EQ(said.size(), 1u);
+    EXPECT_TRUE(said[0].leaves.empty());
+    EXPECT_EQ(said[0].key, "first");
+    EXPECT_EQ(said[0].meshHash, hash);
+    EXPECT_EQ(follower.scene().leaves().size(), 1u) << "what is held stays until the first iteration";
+    const auto answer = keeps ? follower.apply(iterationOf(1, {}, hash)) : follower.apply(iterationOf(1, {other}, hashOfOther));
+    EXPECT_FALSE(answer.wrong);
+    EXPECT_EQ(follower.scene().leaves().size(), 1u);
+    EXPECT_EQ(follower.scene().gone().size(), keeps ? 0u : 1u);
+    EXPECT_FALSE(follower.apply(iterationOf(2, {}, follower.scene().hash())).wrong);
+    EXPECT_EQ(follower.scene().leaves().size(), 1u) << "only the first";
+    EXPECT_EQ(follower.enter(world).at(0).key, "second");
+  }
 }
 
 TEST(Follower, ResumesInMessagesThatAServerTakes) {
   Follower follower;
+  wire::World early;
+  early.revision = 6;
   wire::Iteration it;
   it.number = 1;
   for (int k = 0; k < 5000; ++k) it.whole.push_back({.address = {0, k, 0}, .vertices = 0, .triangles = 0, .payload = {}});
   follower.apply(it);
-  const auto parts = follower.resume();
+  const auto parts = follower.enter(early);
   ASSERT_EQ(parts.size(), 3u);
   EXPECT_EQ(parts[0].leaves.size(), 2048u);
   EXPECT_EQ(parts[2].leaves.size(), 904u);
-  EXPECT_TRUE(Follower().resume().empty());
+  EXPECT_TRUE(Follower().enter(early).empty());
 }
 
 }  // namespace
