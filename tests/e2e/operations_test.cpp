@@ -13,7 +13,9 @@
 #include <fstream>
 #include <map>
 #include <nlohmann/json.hpp>
+#include <regex>
 #include <set>
+#include <sstream>
 #include <string>
 #include <thread>
 #include <vector>
@@ -117,7 +119,8 @@ TEST(Operations, FiguresUnderLoadAreThereAndSane) {
   std::set<std::string> names;
   for (const auto& [name, value] : now) names.insert(name.substr(0, name.find('{')));
   const std::string asked =
-      readText(RIDGECAST_DOCKER "/grafana/dashboards/ridgecast.json") + readText(RIDGECAST_DOCKER "/prometheus/rules.yml");
+      readText(RIDGECAST_DOCKER "/grafana/dashboards/ridgecast.json") + readText(RIDGECAST_DOCKER "/prometheus/rules.yml") +
+      std::regex_replace(readText(RIDGECAST_DOCKER "/kubernetes/prometheus-adapter.yaml"), std::regex("as: \\w+"), "");
   ASSERT_FALSE(json::parse(readText(RIDGECAST_DOCKER "/grafana/dashboards/ridgecast.json"), nullptr, false).is_discarded());
   const std::regex figure("(ridgecast|process)_[a-z_]+");
   int found = 0;
@@ -321,7 +324,7 @@ TEST(Operations, FilesForSystemdAndPrometheusAreGood) {
   if (judged < 2) GTEST_SKIP() << "systemd-analyze or promtool (package prometheus) is not installed: " << judged << " of 2 judged";
 }
 
-// By the types of the Kubernetes API, and by the server whose settings they give.
+// By the types of the Kubernetes API, by the server whose settings they give, and by Prometheus, whose queries the autoscaler needs.
 TEST(Operations, FilesForKubernetesAreGood) {
   if (!std::getenv("TESTS_NODE_TOOLS") || !programExists("node")) GTEST_SKIP() << "no node, or TESTS_NODE_TOOLS names no folder";
   const Finished judged = runProgram({"node", RIDGECAST_TOOLS "/validate-kubernetes.mjs", RIDGECAST_DOCKER "/kubernetes"});
@@ -335,6 +338,36 @@ TEST(Operations, FilesForKubernetesAreGood) {
             drain = std::stoi(said["environment"]["RIDGECAST_DRAIN"].get<std::string>());
   EXPECT_GE(delay, 5);  // what kube-proxy may need
   EXPECT_GT(said["grace"], delay + drain);
+  // Redis has the settings of its file, and its password.
+  const auto& arguments = said["redis"];
+  std::istringstream file(readText(RIDGECAST_DOCKER "/redis.conf"));
+  std::size_t at = 0;
+  for (std::string line; std::getline(file, line);) {
+    if (line.empty() || line[0] == '#') continue;
+    const auto space = line.find(' ');
+    const std::string value = line.substr(space + 1);
+    ASSERT_LT(at + 1, arguments.size()) << line;
+    EXPECT_EQ(arguments[at++], "--" + line.substr(0, space));
+    EXPECT_EQ(arguments[at++], value == "\"\"" ? "" : value);
+  }
+  EXPECT_EQ(arguments[at], "--requirepass");
+  EXPECT_EQ(arguments.size(), at + 2);
+  if (!programExists("promtool")) GTEST_SKIP() << "promtool (package prometheus) is not installed";
+  ScratchFolder folder;
+  std::ofstream(folder / "queries.yml") << R"(tests:
+  - interval: 1m
+    input_series:
+      - { series: 'ridgecast_delivery_seconds_bucket{namespace="ridgecast",pod="a",le="0.25"}', values: 0+3240x10 }
+      - { series: 'ridgecast_delivery_seconds_bucket{namespace="ridgecast",pod="a",le="0.5"}', values: 0+3600x10 }
+      - { series: 'ridgecast_delivery_seconds_bucket{namespace="ridgecast",pod="a",le="+Inf"}', values: 0+3600x10 }
+      - { series: 'ridgecast_saturation{namespace="ridgecast",pod="a"}', values: 0.5x8 0.75 0.5 }
+    promql_expr_test:
+      - { eval_time: 9m, exp_samples: [{ labels: '{pod="a"}', value: 0.375 }], expr: )"
+                                        << said["queries"][0] << R"( }
+      - { eval_time: 9m, exp_samples: [{ labels: '{pod="a"}', value: 0.75 }], expr: )"
+                                        << said["queries"][1] << " }\n";
+  const Finished queried = runProgram({"promtool", "test", "rules", folder / "queries.yml"});
+  EXPECT_EQ(queried.code, 0) << queried.output;
 }
 
 // Sockets of our own, many at once.

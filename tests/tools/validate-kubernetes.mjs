@@ -1,5 +1,6 @@
-// Judges the manifests of a kustomization against the types of the Kubernetes API: unknown, missing and ill-typed fields, and names that
-// nothing has. Prints the environment of the containers as JSON, or ends with 1 and what is wrong.
+// Judges the manifests of a kustomization against the types of the Kubernetes API, the Gateway API and the Prometheus operator: unknown,
+// missing and ill-typed fields, and names that nothing has. Prints the server's environment, Redis' arguments and the metrics' queries as
+// JSON, or ends with 1 and what is wrong.
 //     node validate-kubernetes.mjs FOLDER
 import { mkdtempSync, readFileSync, rmSync, writeFileSync } from 'node:fs';
 import { createRequire } from 'node:module';
@@ -25,17 +26,18 @@ const objects = kustomization.resources.flatMap((name) =>
 const scratch = mkdtempSync(join(tmpdir(), 'kubernetes-'));
 try {
   const file = join(scratch, 'manifests.ts');
-  const packageFolder = dirname(require.resolve('kubernetes-types/package.json'));
-  const module = (version) => join(packageFolder, version === 'v1' ? 'core/v1' : version.replace('.k8s.io', ''));
-  writeFileSync(
-    file,
-    objects
-      .map(
-        ({ object }, k) =>
-          `import type { ${object.kind} as T${k} } from ${JSON.stringify(module(object.apiVersion))};\nexport const o${k}: T${k} = ${JSON.stringify(object)};`,
-      )
-      .join('\n'),
-  );
+  const folderOf = (name) => dirname(require.resolve(`${name}/package.json`));
+  const type = ({ apiVersion, kind }) => {
+    const [group] = apiVersion.split('/');
+    const models = { 'gateway.networking.k8s.io': 'gateway-api', 'monitoring.coreos.com': 'prometheus-operator' }[group];
+    if (models) return [`I${kind}`, join(folderOf(`@kubernetes-models/${models}`), apiVersion, kind)];
+    return [kind, join(folderOf('kubernetes-types'), apiVersion === 'v1' ? 'core/v1' : apiVersion.replace('.k8s.io', ''))];
+  };
+  const declare = ({ object }, k) => {
+    const [name, module] = type(object);
+    return `import type { ${name} as T${k} } from ${JSON.stringify(module)};\nexport const o${k}: T${k} = ${JSON.stringify(object)};`;
+  };
+  writeFileSync(file, objects.map(declare).join('\n'));
   const program = ts.createProgram([file], { strict: true, noEmit: true, skipLibCheck: true, moduleResolution: ts.ModuleResolutionKind.Node10 });
   for (const diagnostic of ts.getPreEmitDiagnostics(program)) problems.push(ts.flattenDiagnosticMessageText(diagnostic.messageText, '\n'));
 } finally {
@@ -43,40 +45,90 @@ try {
 }
 
 // Names.
-const all = (kind) => objects.map(({ object }) => object).filter((object) => object.kind === kind);
-const [deployment] = all('Deployment');
-const template = deployment.spec.template;
-const ports = template.spec.containers.flatMap((container) => container.ports.map((port) => port.name));
-const known = (what, name, names) => names.includes(name) || problems.push(`${what} '${name}' is none of ${names.join(', ')}`);
-const selects = (what, labels) =>
-  Object.entries(labels).every(([key, value]) => template.metadata.labels[key] === value) || problems.push(`${what} selects no pod`);
-selects('the deployment', deployment.spec.selector.matchLabels);
+const all = (...kinds) => objects.map(({ object }) => object).filter((object) => kinds.includes(object.kind));
+const names = (list) => list.map((one) => one.name ?? one.metadata.name);
+const known = (what, name, those) => those.includes(name) || problems.push(`${what} '${name}' is none of ${those.join(', ')}`);
+const sets = all('Deployment', 'StatefulSet');
+const portsOf = (set) => set.spec.template.spec.containers.flatMap((container) => names(container.ports));
+const selected = (what, { matchLabels }) => {
+  const found = sets.filter((set) => Object.entries(matchLabels).every(([key, value]) => set.spec.template.metadata.labels[key] === value));
+  if (found.length !== 1) problems.push(`${what} selects the pods of ${found.length} sets`);
+  return found.flatMap(portsOf);
+};
+const images = names(kustomization.images);
+for (const set of sets) {
+  selected(set.metadata.name, set.spec.selector);
+  const { containers, volumes = [] } = set.spec.template.spec;
+  const volumeNames = names([...volumes, ...(set.spec.volumeClaimTemplates ?? [])]);
+  for (const container of containers) {
+    known('image', container.image, images);
+    for (const probe of ['startupProbe', 'readinessProbe', 'livenessProbe']) {
+      const { httpGet, tcpSocket } = container[probe];
+      if (httpGet ?? tcpSocket) known('port', (httpGet ?? tcpSocket).port, portsOf(set));
+    }
+    for (const mount of container.volumeMounts) known('volume', mount.name, volumeNames);
+    const { securityContext } = container;
+    if (!securityContext.readOnlyRootFilesystem || securityContext.allowPrivilegeEscalation) problems.push(`${container.name} may too much`);
+  }
+  if (!set.spec.template.spec.securityContext.runAsNonRoot) problems.push(`${set.metadata.name} may run as root`);
+}
 for (const service of all('Service')) {
-  selects('the service', service.spec.selector);
+  const ports = selected('the service', { matchLabels: service.spec.selector });
   for (const port of service.spec.ports) known('target port', port.targetPort, ports);
 }
-for (const budget of all('PodDisruptionBudget')) selects('the disruption budget', budget.spec.selector.matchLabels);
-for (const policy of all('NetworkPolicy')) {
-  selects('the network policy', policy.spec.podSelector.matchLabels);
-  for (const rule of policy.spec.ingress) for (const port of rule.ports) known('port', port.port, ports);
+for (const set of all('StatefulSet')) known('service', set.spec.serviceName, names(all('Service')));
+for (const budget of all('PodDisruptionBudget')) selected('the disruption budget', budget.spec.selector);
+for (const monitor of all('PodMonitor')) {
+  const ports = selected('the pod monitor', monitor.spec.selector);
+  for (const endpoint of monitor.spec.podMetricsEndpoints) known('port', endpoint.port, ports);
 }
-for (const ingress of all('Ingress'))
-  for (const path of ingress.spec.rules.flatMap((rule) => rule.http.paths)) {
-    const service = all('Service').find((one) => one.metadata.name === path.backend.service.name);
-    known('service', path.backend.service.name, all('Service').map((one) => one.metadata.name));
-    known('port', path.backend.service.port.name, service?.spec.ports.map((port) => port.name) ?? []);
+for (const policy of all('NetworkPolicy')) {
+  const ports = selected('the network policy', policy.spec.podSelector);
+  for (const rule of policy.spec.ingress) for (const port of rule.ports) known('port', port.port, ports);
+  for (const peer of [...policy.spec.ingress.flatMap((rule) => rule.from), ...policy.spec.egress.flatMap((rule) => rule.to)])
+    if (peer.podSelector && !peer.namespaceSelector) selected('a peer of the network policy', peer.podSelector);
+}
+const gateways = all('Gateway');
+for (const route of all('HTTPRoute')) {
+  for (const parent of route.spec.parentRefs) {
+    known('gateway', parent.name, names(gateways));
+    const listeners = gateways.flatMap((gateway) => gateway.spec.listeners);
+    known('listener', parent.sectionName, names(listeners));
+    for (const host of route.spec.hostnames) known('host', host, listeners.map((listener) => listener.hostname));
   }
-for (const scaler of all('HorizontalPodAutoscaler')) known('deployment', scaler.spec.scaleTargetRef.name, [deployment.metadata.name]);
-const images = kustomization.images.map((image) => image.name);
-for (const container of template.spec.containers) {
-  known('image', container.image, images);
-  for (const probe of ['startupProbe', 'readinessProbe', 'livenessProbe']) known('port', container[probe].httpGet.port, ports);
-  for (const mount of container.volumeMounts) known('volume', mount.name, template.spec.volumes.map((volume) => volume.name));
+  for (const backend of route.spec.rules.flatMap((rule) => rule.backendRefs)) {
+    const service = all('Service').find((one) => one.metadata.name === backend.name);
+    known('service', backend.name, names(all('Service')));
+    known('port', backend.port, service?.spec.ports.map((port) => port.port) ?? []);
+  }
+}
+const adapter = parse(read('prometheus-adapter.yaml'), { strict: true }).rules.custom;
+const metrics = adapter.map((rule) => rule.name?.as ?? rule.seriesQuery.split('{')[0]);
+for (const scaler of all('HorizontalPodAutoscaler')) {
+  known('deployment', scaler.spec.scaleTargetRef.name, names(all('Deployment')));
+  for (const metric of scaler.spec.metrics) known('metric', metric.pods.metric.name, metrics);
 }
 
 if (problems.length > 0) {
   console.error(problems.join('\n'));
   process.exit(1);
 }
-const environment = template.spec.containers.flatMap((container) => container.env).map(({ name, value }) => [name, value]);
-console.log(JSON.stringify({ environment: Object.fromEntries(environment), grace: template.spec.terminationGracePeriodSeconds }));
+const [server] = all('Deployment').map((set) => set.spec.template.spec);
+const [redis] = all('StatefulSet').map((set) => set.spec.template.spec.containers[0]);
+const environment = server.containers.flatMap((container) => container.env).filter(({ value }) => value !== undefined);
+const secrets = server.containers.flatMap((container) => container.env).filter(({ valueFrom }) => valueFrom).map(({ name }) => name);
+const queries = adapter.map(({ seriesQuery, metricsQuery }) =>
+  metricsQuery
+    .replaceAll('<<.Series>>', seriesQuery.split('{')[0])
+    .replaceAll('<<.LabelMatchers>>', 'namespace="ridgecast",pod=~"a|b"')
+    .replaceAll('<<.GroupBy>>', 'pod'),
+);
+console.log(
+  JSON.stringify({
+    environment: Object.fromEntries(environment.map(({ name, value }) => [name, value])),
+    secrets,
+    grace: server.terminationGracePeriodSeconds,
+    redis: redis.args,
+    queries,
+  }),
+);
