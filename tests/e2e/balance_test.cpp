@@ -11,11 +11,13 @@
 #include <chrono>
 #include <csignal>
 #include <memory>
+#include <optional>
 #include <set>
 #include <string>
 #include <thread>
 #include <vector>
 
+#include "tests/support/redis_server.h"
 #include "tests/support/server_process.h"
 #include "tests/support/socket_client.h"
 #include "tests/support/traveller.h"
@@ -51,42 +53,24 @@ class Balance : public testing::Test {
  protected:
   void SetUp() override {
     if (!programExists("haproxy") && !std::filesystem::exists("/usr/sbin/haproxy")) GTEST_SKIP() << "haproxy is not installed";
-    if (!programExists("redis-server")) GTEST_SKIP() << "redis-server is not installed";
-    // Somebody else may take a port before its program does.
-    const auto start = [](std::unique_ptr<Process>& process, const auto& command, const auto& isReady) {
-      for (int attempt = 0; attempt < 5; ++attempt) {
-        process = command(freePort());
-        if (await([&] { return !process->running() || isReady(); }) && process->running()) return true;
-      }
-      return false;
-    };
-    const auto at = [](std::uint16_t p) { return "127.0.0.1:" + std::to_string(p); };
-    std::string shared;
-    ASSERT_TRUE(start(
-        redis,
-        [&](std::uint16_t free) {
-          shared = "redis://" + at(free);
-          return std::make_unique<Process>(std::vector<std::string>{"redis-server", RIDGECAST_DOCKER "/redis.conf", "--bind", "127.0.0.1",
-                                                                    "--port", std::to_string(free), "--dir", (folder / "").string()});
-        },
-        [&] { return redis->output().find("Ready to accept connections") != std::string::npos; }))
-        << redis->output();
+    if (!RedisServer::exists()) GTEST_SKIP() << "redis-server is not installed";
+    redis.emplace();
     for (auto& server : servers)
       server = std::make_unique<ServerProcess>(
-          RIDGECAST_SERVER,
-          std::vector<std::string>{"--shared", shared, "--trusted-proxy", "127.0.0.0/8", "--reconnect-url", "", "--log-level", "info"});
-    ASSERT_TRUE(start(
-        balancer,
-        [&](std::uint16_t free) {
-          port = free;
-          return std::make_unique<Process>(std::vector<std::string>{"/usr/sbin/haproxy", "-db", "-f", RIDGECAST_DOCKER "/haproxy.cfg"},
+          RIDGECAST_SERVER, std::vector<std::string>{"--shared", redis->url(), "--trusted-proxy", "127.0.0.0/8", "--reconnect-url", "",
+                                                     "--log-level", "info"});
+    const auto at = [](std::uint16_t p) { return "127.0.0.1:" + std::to_string(p); };
+    bool ready = false;
+    for (int attempt = 0; attempt < 5 && !ready; ++attempt) {  // somebody else may take the port before HAProxy does
+      port = freePort();
+      balancer = std::make_unique<Process>(std::vector<std::string>{"/usr/sbin/haproxy", "-db", "-f", RIDGECAST_HAPROXY},
                                            Environment{{"BIND", at(port)},
                                                        {"SERVER_A", at(servers[0]->port())},
                                                        {"SERVER_B", at(servers[1]->port())},
                                                        {"ADMIN", (folder / "admin").string()}});
-        },
-        [&] { return get(port, "/readyz").starts_with("HTTP/1.1 200"); }))
-        << balancer->output();
+      ready = await([&] { return !balancer->running() || get(port, "/readyz").starts_with("HTTP/1.1 200"); }) && balancer->running();
+    }
+    ASSERT_TRUE(ready) << balancer->output();
   }
 
   std::string url(const std::string& session) const {
@@ -153,7 +137,7 @@ class Balance : public testing::Test {
   }
 
   ScratchFolder folder;
-  std::unique_ptr<Process> redis;
+  std::optional<RedisServer> redis;
   std::unique_ptr<ServerProcess> servers[2];
   std::unique_ptr<Process> balancer;
   std::uint16_t port = 0;

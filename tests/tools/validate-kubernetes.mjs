@@ -115,8 +115,7 @@ if (problems.length > 0) {
 }
 const [server] = all('Deployment').map((set) => set.spec.template.spec);
 const [redis] = all('StatefulSet').map((set) => set.spec.template.spec.containers[0]);
-const environment = server.containers.flatMap((container) => container.env).filter(({ value }) => value !== undefined);
-const secrets = server.containers.flatMap((container) => container.env).filter(({ valueFrom }) => valueFrom).map(({ name }) => name);
+const environment = server.containers.flatMap((container) => container.env);
 const queries = adapter.map(({ seriesQuery, metricsQuery }) =>
   metricsQuery
     .replaceAll('<<.Series>>', seriesQuery.split('{')[0])
@@ -126,7 +125,6 @@ const queries = adapter.map(({ seriesQuery, metricsQuery }) =>
 console.log(
   JSON.stringify({
     environment: Object.fromEntries(environment.map(({ name, value }) => [name, value])),
-    secrets,
     grace: server.terminationGracePeriodSeconds,
     redis: redis.args,
     queries,
