@@ -23,8 +23,8 @@ constexpr std::size_t kSamples = 8;
 constexpr std::size_t kServerBytes = 4;  // at the front of a message: who sent it
 constexpr std::uint32_t kServers = 1u << 20;
 
-const std::array<std::string_view, Line::kScripts> kTexts{scripts::append, scripts::read, scripts::last,  scripts::hold,
-                                                          scripts::drop,   scripts::list, scripts::arrive};
+const std::array<std::string_view, Line::kScripts> kTexts{scripts::append, scripts::read, scripts::last, scripts::hold,
+                                                          scripts::take,   scripts::drop, scripts::list, scripts::arrive};
 
 std::int64_t microseconds(std::chrono::steady_clock::time_point time) {
   return std::chrono::duration_cast<std::chrono::microseconds>(time.time_since_epoch()).count();

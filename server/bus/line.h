@@ -32,8 +32,8 @@ namespace ridgecast::bus {
 
 class Line final : public std::enable_shared_from_this<Line> {
  public:
-  enum class Script { kAppend, kRead, kLast, kHold, kDrop, kList, kArrive };
-  static constexpr std::size_t kScripts = 7;
+  enum class Script { kAppend, kRead, kLast, kHold, kTake, kDrop, kList, kArrive };
+  static constexpr std::size_t kScripts = 8;
   using Answer = Link::Answer;
   using Done = Link::Done;
 

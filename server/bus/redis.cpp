@@ -74,6 +74,14 @@ Outcome<Address> addressOf(const Redis::Settings& settings) {
   return address;
 }
 
+Outcome<Bus::Held> heldOf(const Line::Answer& answer) {
+  if (const auto error = failureOf(answer)) return *error;
+  const Reply& reply = answer.reply;
+  const auto stands = numberOf(reply.part(1));
+  if (reply.parts.size() != 3 || !stands) return Error{kOdd};
+  return Bus::Held{reply.parts[0].integer == 1, {std::string(reply.part(2)), *stands}};
+}
+
 }  // namespace
 
 // Counts what is called, by what became of it.
@@ -182,14 +190,20 @@ void Redis::hold(const std::string& key, std::string value, std::uint64_t epoch,
   const std::string number = std::to_string(epoch), milliseconds = std::to_string(life.count()), record = recordKey(key),
                     last = epochKey(key);
   line_->call(Script::kHold, {record, last, kRecords, "ridgecast:era"}, {key, value, number, milliseconds},
-              [answered = std::move(answered), value](Line::Answer answer) mutable {
-                if (const auto error = failureOf(answer)) return answered(*error);
-                const Reply& reply = answer.reply;
-                const auto stands = numberOf(reply.part(1));
-                if (reply.parts.size() != 3 || !stands) return answered(Error{kOdd});
-                const bool isYours = reply.parts[0].integer == 1;
-                answered(Held{isYours, {isYours ? std::move(value) : std::string(reply.part(2)), *stands}});
+              [answered = std::move(answered), value](const Line::Answer& answer) mutable {
+                auto held = heldOf(answer);
+                if (held && held->isYours) held->record.value = std::move(value);
+                answered(std::move(held));
               });
+}
+
+void Redis::take(const std::string& key, std::uint64_t epoch, std::function<void(Outcome<Held>)> done) {
+  const std::string number = std::to_string(epoch);
+  line_->call(Script::kTake, {recordKey(key), epochKey(key)}, {number}, [f = figures_, done = std::move(done)](const Line::Answer& answer) {
+    auto held = heldOf(answer);
+    f->count("take", !held ? "failed" : held->isYours ? "done" : "refused");
+    done(std::move(held));
+  });
 }
 
 void Redis::drop(const std::string& key, std::uint64_t epoch) {

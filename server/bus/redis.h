@@ -53,6 +53,7 @@ class Redis final : public Bus {
   Subscription hear(const std::string& channel, std::function<void(const std::string& message)> heard) override;
   void hold(const std::string& key, std::string value, std::uint64_t epoch, std::chrono::milliseconds life,
             std::function<void(Outcome<Held>)> done) override;
+  void take(const std::string& key, std::uint64_t epoch, std::function<void(Outcome<Held>)> done) override;
   void drop(const std::string& key, std::uint64_t epoch) override;
   void list(const std::string& prefix, std::function<void(Outcome<std::map<std::string, Record>>)> done) override;
 
