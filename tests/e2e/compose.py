@@ -23,6 +23,7 @@ import yaml
 
 SOURCE, CLIENT, SERVER = (Path(argument).resolve() for argument in sys.argv[1:4])
 DOCKER, PATHS = SOURCE / "docker", SOURCE / "client/evaluation/paths"
+PATH = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
 PATIENCE = 60.0  # only ends what hangs
 OWN_NETWORK = "TESTS_OWN_NETWORK"  # set where this process has a network and mounts of its own
 PROGRAMS = {"redis": "redis-server", "haproxy": "haproxy", "prom/prometheus": "prometheus"}  # by image; each takes what its image's does
@@ -126,7 +127,7 @@ class Container:
                 environment = {**environment, "BIND": address + environment["BIND"], "ADMIN": str(folder / "admin")}
         with open(self._log, "wb") as out:
             self.process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=out, stderr=subprocess.STDOUT, start_new_session=True,
-                                            env={"PATH": "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin", **environment})
+                                            env={"PATH": PATH, **environment})
 
     def end(self) -> None:
         begin = time.monotonic()
@@ -172,15 +173,15 @@ def use(running: Dict[str, Container]) -> None:
 
     def fly() -> None:
         with tempfile.TemporaryDirectory() as out:
-            flown = subprocess.run([str(CLIENT), "fly", f"ws://{ADDRESSES['balancer']}:7070", "--path", str(PATHS / "alpine.json"), "--seconds", "2",
-                                    "--threshold", "8", "--size", "160x90", "--frames-every", "2", "--out", out],
+            flown = subprocess.run([str(CLIENT), "fly", f"ws://{ADDRESSES['balancer']}:7070", "--path", str(PATHS / "alpine.json"),
+                                    "--seconds", "2", "--threshold", "8", "--size", "160x90", "--frames-every", "2", "--out", out],
                                    stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, timeout=10 * PATIENCE)
             assert flown.returncode == 0, flown.stdout
 
     fly()
     say("a client flies")
     until(lambda: figures('up{job="ridgecast"}') == [1.0] * len(servers), "Prometheus reads every server")
-    until(lambda: sum(figures("ridgecast_iterations_total")) > 0 or sum(figures("ridgecast_delivery_seconds_count")) > 0, "it has seen the flight")
+    until(lambda: sum(figures("ridgecast_delivery_seconds_count")) > 0, "it has seen the flight")
     say("Prometheus reads every server")
 
     running[servers[0]].process.send_signal(signal.SIGUSR1)
@@ -208,7 +209,7 @@ def judge_grafana() -> None:
 
 
 def main() -> int:
-    missing = [program for program in [*PROGRAMS.values(), "unshare", "ip"] if not shutil.which(program, path="/usr/sbin:/usr/bin:/sbin:/bin")]
+    missing = [program for program in [*PROGRAMS.values(), "unshare", "ip"] if not shutil.which(program, path=PATH)]
     if missing:
         print(f"SKIPPED: {', '.join(missing)}: ./run install test")
         return 77

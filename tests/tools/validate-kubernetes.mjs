@@ -68,7 +68,7 @@ for (const set of sets) {
     }
     for (const mount of container.volumeMounts) known('volume', mount.name, volumeNames);
     const { securityContext } = container;
-    if (!securityContext.readOnlyRootFilesystem || securityContext.allowPrivilegeEscalation) problems.push(`${container.name} may too much`);
+    if (!securityContext.readOnlyRootFilesystem || securityContext.allowPrivilegeEscalation) problems.push(`${container.name} is too free`);
   }
   if (!set.spec.template.spec.securityContext.runAsNonRoot) problems.push(`${set.metadata.name} may run as root`);
 }

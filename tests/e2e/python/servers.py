@@ -1,9 +1,9 @@
 """Several servers of one world behind HAProxy and beside Redis, all as processes. Members place themselves and edit, cameras fly, a stepped
-and a real clock run, while each server and then Redis is killed, stopped and out of disk. Judged at the end, and written down for each phase:
-one ground everywhere, no acknowledged edit lost and none made twice, members that see their neighbours, meshes that go on.
+and a real clock run, while each server and then Redis is killed, stopped and out of disk. Judged at the end, and written down for each
+phase: one ground everywhere, no acknowledged edit lost and none made twice, members that see their neighbours, meshes that go on.
     servers.py SERVER DOCKER [acceptance|split]      PYTHONPATH has the package of this build
-Sizes, from the environment: SERVERS, MEMBERS, CAMERAS, PAUSE (seconds between two failures), OUTAGE (of Redis), ROUNDS (of split). Times are
-judged with MEASURE=1, on a machine that does nothing else; the rest always."""
+Sizes, from the environment: SERVERS, MEMBERS, CAMERAS, PAUSE (seconds between two failures), OUTAGE (of Redis), ROUNDS (of split). Times
+are judged with MEASURE=1, on a machine that does nothing else; the rest always."""
 
 import http.client
 import json
@@ -81,7 +81,8 @@ class Program:
 
     def start(self) -> None:
         with open(self._log, "ab") as out:
-            self.process = subprocess.Popen(self._command, stdin=subprocess.DEVNULL, stdout=out, stderr=subprocess.STDOUT, env=self._environment)
+            self.process = subprocess.Popen(self._command, stdin=subprocess.DEVNULL, stdout=out, stderr=subprocess.STDOUT,
+                                            env=self._environment)
 
     def runs(self) -> bool:
         return self.process is not None and self.process.poll() is None
@@ -355,7 +356,10 @@ class Stepped:
         self._owes = False
         thread(lambda: again(self._step, self.progress[0]), "owner")
         for k in range(followers):
-            thread(lambda k=k: again(lambda: self.times[k].append(self.followers[k].clock.next()), self.progress[1 + k]), f"follower-{k}")
+            self._follow(k)
+
+    def _follow(self, k: int) -> None:
+        thread(lambda: again(lambda: self.times[k].append(self.followers[k].clock.next()), self.progress[1 + k]), f"follower-{k}")
 
     def _step(self) -> None:
         """A step of which it is unknown whether it was done is waited for."""
@@ -369,12 +373,12 @@ class Stepped:
         over.wait(0.02)
 
     def judge(self) -> None:
-        for k, times in enumerate(self.times):
-            back = [(a, b) for a, b in zip(times, times[1:]) if b <= a]
+        for k, seen in enumerate(self.times):
+            back = [(a, b) for a, b in zip(seen, seen[1:]) if b <= a]
             if back:
                 wrong.append(f"follower-{k}: the stepped clock went back: {back[:3]}")
-        for sentence, count in self.refusals.most_common(3):
-            say(f"  {count} x {sentence}")
+        for sentence, times in self.refusals.most_common(3):
+            say(f"  {times} x {sentence}")
 
 
 class Real:
@@ -467,7 +471,8 @@ def acceptance(place: Place) -> None:
         before = {name: progress.count for name, progress in everyone.items()}
 
         def all_go_on() -> bool:
-            return all(progress.count > before[name] for name, progress in everyone.items()) and members.unseen_now() < 3 and not members.lost
+            go_on = all(progress.count > before[name] for name, progress in everyone.items())
+            return go_on and members.unseen_now() < 3 and not members.lost
 
         try:
             took = until(all_go_on, what, 60)
@@ -475,8 +480,8 @@ def acceptance(place: Place) -> None:
             late(f"{what}: not all went on", took, 3)
         except AssertionError:
             stuck = [name for name, progress in everyone.items() if progress.count == before[name]]
-            wrong.append(f"{what}: {stuck or 'nobody'} did not go on within 60 s; a member is unseen for {members.unseen_now():.1f} s; lost: "
-                         f"{list(members.lost.items())[:3]}")
+            wrong.append(f"{what}: after 60 s {stuck or 'none'} did not go on; a member is unseen for {members.unseen_now():.1f} s; "
+                         f"lost: {list(members.lost.items())[:3]}")
 
     phase("calm", 2 * PAUSE)
     for number in (signal.SIGKILL, signal.SIGTERM):
@@ -518,7 +523,7 @@ def acceptance(place: Place) -> None:
     over.set()
     for editor in editors:
         editor.wait()
-    worlds = [*members.worlds, *(one.world for one in [*cameras, *editors])]
+    worlds = members.worlds + [camera.world for camera in cameras] + [editor.world for editor in editors]
     hashes: List[int] = []
 
     def one_ground() -> bool:
@@ -545,11 +550,11 @@ def acceptance(place: Place) -> None:
             wrong.append(f"server {k} lists other edits than server 0")
     stepped.judge()
     assert acknowledged
-    refusals = sum((editor.refusals for editor in editors), Counter())
+    refusals: Counter[str] = sum((editor.refusals for editor in editors), Counter())
     say(f"{len(acknowledged)} edits, {count('owner')} steps, {count('camera')} meshes, "
         f"{sum(world.reconnections for world in members.worlds)} reconnections of members")
-    for sentence, count in refusals.most_common(8):
-        say(f"  {count} x {sentence}")
+    for sentence, times in refusals.most_common(8):
+        say(f"  {times} x {sentence}")
 
 
 def split(place: Place) -> None:
