@@ -118,7 +118,7 @@ class Container:
             program = PROGRAMS[image]
             given = [str(paths.get(word, word)) for word in service.get("command", [])]
             command = {
-                "redis-server": [*given, "--bind", address, "--dir", str(paths.get("/data", folder))],
+                "redis-server": [address if word == "0.0.0.0" else word for word in given] + ["--dir", str(paths.get("/data", folder))],
                 "haproxy": ["haproxy", "-db", "-f", str(paths.get("/usr/local/etc/haproxy/haproxy.cfg"))],
                 "prometheus": ["prometheus", f"--config.file={paths.get('/etc/prometheus/prometheus.yml')}",
                                f"--storage.tsdb.path={folder / name}", f"--web.listen-address={address}:9090"],

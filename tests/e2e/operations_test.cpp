@@ -338,12 +338,12 @@ TEST(Operations, FilesForKubernetesAreGood) {
             drain = std::stoi(said["environment"]["RIDGECAST_DRAIN"].get<std::string>());
   EXPECT_GE(delay, 5);  // what kube-proxy may need
   EXPECT_GT(said["grace"], delay + drain);
-  // Redis has the settings of its file, and its password.
+  // Redis has the settings of its file, and a password in place of the user.
   const auto& arguments = said["redis"];
   std::istringstream file(readText(RIDGECAST_DOCKER "/redis.conf"));
   std::size_t at = 0;
   for (std::string line; std::getline(file, line);) {
-    if (line.empty() || line[0] == '#') continue;
+    if (line.empty() || line[0] == '#' || line.starts_with("bind ") || line.starts_with("port ") || line.starts_with("user ")) continue;
     const auto space = line.find(' ');
     const std::string value = line.substr(space + 1);
     ASSERT_LT(at + 1, arguments.size()) << line;

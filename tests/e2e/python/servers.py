@@ -9,6 +9,7 @@ import http.client
 import json
 import math
 import os
+import re
 import shutil
 import signal
 import socket
@@ -115,12 +116,16 @@ class Place:
         if OWN_MOUNTS in os.environ:  # a disk of its own, that can be filled
             subprocess.run(["mount", "-t", "tmpfs", "-o", "size=64m", "none", str(self.disk)], check=True)
             stack.callback(lambda: subprocess.run(["umount", "--lazy", str(self.disk)], check=True))
-        self.redis = Program("redis", self.folder, ["redis-server", str(DOCKER / "redis.conf"), "--bind", "127.0.0.1", "--port",
-                                                    str(self.redis_port), "--dir", str(self.disk)])
+        self.redis = Program("redis", self.folder, ["redis-server", str(DOCKER / "redis.conf"), "--port", str(self.redis_port), "--dir",
+                                                    str(self.disk)])
+        user = re.search(r"^user (\w+) on >(\S+)", (DOCKER / "redis.conf").read_text(), re.M)
+        assert user
+        self._user = user.groups()
         self.servers = [
             Program(f"server-{k}", self.folder,
                     [str(PROGRAM), "--port", str(port), "--terrain", "alpine", "--seed", "1", "--state", str(self.folder / f"state-{k}"),
-                     "--shared", f"redis://127.0.0.1:{self.redis_port}", "--reconnect-url", "", "--trusted-proxy", "127.0.0.0/8",
+                     "--shared", f"redis://{':'.join(self._user)}@127.0.0.1:{self.redis_port}", "--reconnect-url", "",
+                     "--trusted-proxy", "127.0.0.0/8",
                      "--max-members", "1000", "--max-connections-per-address", "4000", "--session-idle", "600", "--drain", "5",
                      "--log-level", "info"])
             for k, port in enumerate(self.server_ports)]
@@ -157,8 +162,9 @@ class Place:
     def redis_answers(self) -> bool:
         try:
             with socket.create_connection(("127.0.0.1", self.redis_port), 1) as s:
-                s.sendall(b"PING\r\n")
-                return s.recv(64).startswith(b"+PONG")
+                s.sendall(f"AUTH {' '.join(self._user)}\r\nPING\r\n".encode())
+                answers = s.makefile()
+                return [answers.readline(), answers.readline()] == ["+OK\n", "+PONG\n"]
         except OSError:
             return False
 
