@@ -27,9 +27,11 @@ Outcome<std::optional<SharedWorlds::Standing>> theOne(const Outcome<Records>& re
   return std::optional(SharedWorlds::Standing{std::move(*world), record.epoch});
 }
 
-std::function<void(Outcome<bus::Bus::Held>)> standing(std::function<void(Outcome<SharedWorlds::Standing>)> done) {
-  return [done = std::move(done)](const Outcome<bus::Bus::Held>& held) {
+// `own`: stands next time, if none does and the engine has forgotten its epoch.
+std::function<void(Outcome<bus::Bus::Held>)> standing(const World& own, std::function<void(Outcome<SharedWorlds::Standing>)> done) {
+  return [own, done = std::move(done)](const Outcome<bus::Bus::Held>& held) {
     if (!held) return done(held.error());
+    if (held->record.value.empty()) return done(SharedWorlds::Standing{own, 0});
     auto world = worldOf(held->record.value);
     if (!world) return done(world.error());
     done(SharedWorlds::Standing{std::move(*world), held->record.epoch});
@@ -64,18 +66,18 @@ void SharedWorlds::find(const std::string& name, std::function<void(Outcome<Foun
 }
 
 void SharedWorlds::claim(const std::string& name, const World& world, std::function<void(Outcome<Standing>)> done) const {
-  bus_->hold(worldKey(name), toText(world), 0, kGrace, standing(std::move(done)));
+  bus_->hold(worldKey(name), toText(world), 0, kGrace, standing(world, std::move(done)));
 }
 
-void SharedWorlds::renew(const std::string& name, const World& world, std::uint64_t epoch, bool isLast,
+void SharedWorlds::renew(const std::string& name, const World& world, std::uint64_t epoch, bool isBrief,
                          std::function<void(Outcome<Standing>)> done) const {
-  bus_->hold(worldKey(name), toText(world), epoch, isLast ? kGrace : life_, standing(std::move(done)));
+  bus_->hold(worldKey(name), toText(world), epoch, isBrief ? kGrace : life_, standing(world, std::move(done)));
 }
 
 void SharedWorlds::keep(const std::string& name, const World& world, std::function<void(Outcome<World>)> done) const {
   // Not whose session it was, nor how its clock began.
   const World ground{{}, {world.spec.terrain, world.spec.seed, world.spec.parameters}, world.contentHash, {}};
-  bus_->hold(keptKey(name), toText(ground), 0, std::chrono::milliseconds(0), standing([done = std::move(done)](Outcome<Standing> stands) {
+  bus_->hold(keptKey(name), toText(ground), 0, std::chrono::milliseconds(0), standing(ground, [done = std::move(done)](Outcome<Standing> stands) {
                stands ? done(std::move(stands->world)) : done(stands.error());
              }));
 }

@@ -49,8 +49,8 @@ class SharedWorlds {
 
   // Gives the name to this world, if none has it. The record lives for kGrace: renew it once the session is there.
   void claim(const std::string& name, const World& world, std::function<void(Outcome<Standing>)> done) const;
-  // `epoch`: of the last Standing; 0: none. `isLast`: the session ends here; the name is free after kGrace if no other server has it.
-  void renew(const std::string& name, const World& world, std::uint64_t epoch, bool isLast,
+  // `epoch`: of the last Standing; 0: none. `isBrief`: the name is free after kGrace if nobody renews it, as where the session ends here.
+  void renew(const std::string& name, const World& world, std::uint64_t epoch, bool isBrief,
              std::function<void(Outcome<Standing>)> done) const;
   // Gives the name to this world for good, unless another has it: the world that has it. To be called, and answered, before the first edit
   // is appended to the session's log.

@@ -172,7 +172,7 @@ void Directory::tellSpent() {
 }
 
 void Directory::renew(const std::string& name, const Kept& kept) {
-  worlds_->renew(name, kept.world, kept.epoch, false,
+  worlds_->renew(name, kept.world, kept.epoch, name == kDefaultName,
                 [weak = weak_from_this(), name, session = std::weak_ptr(kept.session)](const Outcome<SharedWorlds::Standing>& stands) {
                   const auto self = weak.lock();
                   if (self && stands) self->renewed(name, session.lock().get(), *stands);

@@ -188,6 +188,7 @@ class Making {
   // A session that lives on another server.
   Reply follow(const directory::SharedWorlds::Standing& live, const Turn& turn) {
     if (auto other = notMet(wish_, name_, live.world.spec)) return std::move(*other);
+    if (auto other = otherEdits(live.world)) return std::move(*other);
     if (auto refusal = makeTerrain(live.world.spec, turn.stop)) return std::move(*refusal);
     if (auto other = otherGround(live.world)) return std::move(*other);
     if (!makes_) return enter_(nullptr);
@@ -199,7 +200,10 @@ class Making {
   Reply begin(const std::optional<directory::World>& keptByAll, const Turn& turn) {
     std::optional<WorldSpec> kept;  // nobody is in it, but its edits are kept
     if (const edit_log::World* const log = reserved_->kept()) kept = WorldSpec{log->terrain, log->seed, log->parameters};
-    if (keptByAll) kept = keptByAll->spec;
+    if (keptByAll) {
+      if (auto other = otherEdits(*keptByAll)) return std::move(*other);
+      kept = keptByAll->spec;
+    }
     if (kept) {
       kept->clock = wish_.clock.value_or(wire::ClockMode::kRealTime);
       if (auto other = notMet(wish_, name_, *kept)) return std::move(*other);
@@ -240,6 +244,15 @@ class Making {
     return refused(503, metrics::Refusal::kSession,
                    "Session '" + name_ + "' has other ground on the other servers (" + describe(theirs) + ") than this server makes (" +
                        describe(ours) + "): its operator must give all servers the same terrain files.");
+  }
+
+  // Of this server's own log, such as from a time when it was alone.
+  std::optional<Answer> otherEdits(const directory::World& theirs) const {
+    const edit_log::World* const log = reserved_->kept();
+    if (!log || (log->terrain == theirs.spec.terrain && log->seed == theirs.spec.seed && log->parameters == theirs.spec.parameters)) return {};
+    return refused(503, metrics::Refusal::kSession,
+                   "Session '" + name_ + "' is another world on the other servers (" + describe(theirs) +
+                       ") than this server has edits of: its operator must move '" + name_ + ".edits' out of its --state folder.");
   }
 
   Reply add(const std::string& maker) {

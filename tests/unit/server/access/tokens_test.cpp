@@ -29,6 +29,20 @@ class TokensTest : public testing::Test {
   int files = 0;
 };
 
+TEST_F(TokensTest, TellsWhatAnotherFileLacksAndGoesOnWithoutIt) {
+  const NewToken lab = makeToken({"lab", Right::kView, "", {}}), guest = makeToken({"guest", Right::kView, "", {}});
+  const auto before = Tokens::load({.tokens = file(lab.line + "\n" + guest.line)}).value(), after = Tokens::load({.tokens = file(guest.line)}).value();
+  EXPECT_TRUE(before->missingFrom(*before).empty());
+  EXPECT_TRUE(after->missingFrom(*before).empty());
+  const auto lost = before->missingFrom(*after);
+  ASSERT_EQ(lost.size(), 1u);
+  EXPECT_THAT(lab.line, testing::EndsWith(lost[0]));
+  const auto fewer = before->without(lost);
+  EXPECT_EQ(fewer->judge(lab.token, kNow).error().message, "The token is not known here.");
+  EXPECT_TRUE(fewer->judge(guest.token, kNow));
+  EXPECT_EQ(after->without(lost)->count(), 1u);
+}
+
 TEST_F(TokensTest, GrantsWhatTheFileSays) {
   const NewToken lab = makeToken({"lab", Rights(Right::kView) | Right::kQuery, "", {}});
   const NewToken guest = makeToken({"guest", Right::kView, "harbour", kNow + std::chrono::seconds(10)});

@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <array>
 #include <chrono>
 #include <memory>
 
@@ -48,6 +49,49 @@ TEST(Budgets, OfAClientAreForgottenWhenTheyAreFullAndNotBefore) {
   all.of("b", end + 999ms);
   EXPECT_FALSE(own.expired());
   all.of("b", end + 1s);
+  EXPECT_TRUE(own.expired());
+}
+
+// Two servers, each of which tells the other every second: a client that asks both as often as it may gets little more than of one.
+TEST(Budgets, OfSeveralServersAreSpentTogether) {
+  std::array<BudgetsByClient, 3> servers;
+  const conversation::Budget::Clock::time_point begin{1h}, end = begin + 60s;
+  constexpr std::uint64_t kCost = kHeightsPerSecond / 50;
+  std::uint64_t spent = 0;
+  for (auto now = begin; now < end; now += 1ms) {
+    for (BudgetsByClient& server : servers) {
+      const auto own = server.of("a", now);
+      if (own->queries.free() > now) continue;
+      own->queries.spend(now, kCost);
+      spent += kCost;
+    }
+    if ((now - begin) % 1s != 0ms) continue;
+    for (BudgetsByClient& from : servers)
+      for (const Spent& told : from.takeSpent()) {
+        EXPECT_EQ(told.client, "a");
+        for (BudgetsByClient& to : servers)
+          if (&to != &from) to.charge(told, now);
+      }
+  }
+  EXPECT_GE(spent, 55 * kHeightsPerSecond);
+  EXPECT_LE(spent, 64 * kHeightsPerSecond);
+}
+
+TEST(Budgets, ThatWereSpentAreKeptUntilTheOthersWereToldAndNoLonger) {
+  BudgetsByClient all;
+  const conversation::Budget::Clock::time_point now{1h};
+  EXPECT_TRUE(all.takeSpent().empty());
+  std::weak_ptr<Budgets> own = all.of("a", now);
+  own.lock()->queries.spend(now, kHeightsPerSecond / 90);
+  own.lock()->repairs.spend(now, 1);  // does not matter
+  all.of("b", now + 10s);
+  ASSERT_FALSE(own.expired());
+  const auto told = all.takeSpent();
+  ASSERT_EQ(told.size(), 1u);
+  EXPECT_EQ(told[0].client, "a");
+  EXPECT_EQ(told[0].amounts, (std::array<std::uint64_t, 5>{kHeightsPerSecond / 90, 0, 0, 0, 0}));
+  EXPECT_TRUE(all.takeSpent().empty()) << "once";
+  all.of("b", now + 10s);
   EXPECT_TRUE(own.expired());
 }
 
