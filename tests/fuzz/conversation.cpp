@@ -39,6 +39,7 @@ class Talk {
     hello.points = how / 2 % 2 == 0;
     hello.settings = settings(how / 4);
     isLockstep_ = how % 2 == 1;
+    followsPoints_ = hello.points;
     granted_ = hello.settings;
     say(hello);
   }
@@ -170,9 +171,15 @@ class Talk {
 
   void resume(std::uint64_t more) {
     wire::Resume message;
+    if (more % 8 == 7) {  // only the hash, for which a client must follow points and hold no other
+      message.meshHash = 1 + number();
+      const bool isTooMuch = !followsPoints_ || isUnnamed_ || held_ != Hashes{};
+      isUnnamed_ = hasResumed_ = true;
+      return say(message, isTooMuch);
+    }
     for (const std::uint64_t k : {more % kLeaves, (more + 3) % kLeaves, (more + 7) % kLeaves})
       if (std::exchange(held_[k], k + 1) == 0) message.leaves.push_back({address(k), k + 1});
-    say(message);
+    say(message, isUnnamed_);
     hasResumed_ = true;
   }
 
@@ -285,7 +292,7 @@ class Talk {
     const bool differs = again_.any() || held_ != hashes();
     if (!changes) {
       // Whoever resumes may wait for the detail that it had.
-      const bool mayWait = hasResumed_ && sent_ == 0 && !isLockstep_ && rate() == 0 && !settles && !wasEmpty;
+      const bool mayWait = hasResumed_ && sent_ == 0 && !isLockstep_ && rate() == 0 && !settles && (!wasEmpty || isUnnamed_);
       if (mayWait && ++waited_ <= conversation::kMaxUnsent) return;
       return require(!owes_ && !comesToRest && !differs);
     }
@@ -313,7 +320,10 @@ class Talk {
     require(changes.number == ++sent_);
     const Hashes now = hashes();
     for (const LeafAddress& at : changes.gone) require(std::exchange(held_[indexOf(at)], 0) != 0);
-    for (const LeafAddress& at : changes.come) require(std::exchange(held_[indexOf(at)], now[indexOf(at)]) == 0);
+    for (const LeafAddress& at : changes.come) {
+      require(std::exchange(held_[indexOf(at)], now[indexOf(at)]) == 0);
+      again_[indexOf(at)] = false;
+    }
     for (const LeafAddress& at : changes.touched) require(held_[indexOf(at)] != 0);
     for (const LeafAddress& at : changes.other) require(std::exchange(held_[indexOf(at)], now[indexOf(at)]) != 0);
     for (const LeafAddress& at : changes.whole) held_[indexOf(at)] = now[indexOf(at)], again_[indexOf(at)] = false;
@@ -375,7 +385,7 @@ class Talk {
   Conversation conversation_;
   Conversation::Time now_{1h};
   std::size_t queued_ = 0;
-  bool isLockstep_ = false, hasResumed_ = false;
+  bool isLockstep_ = false, followsPoints_ = false, hasResumed_ = false, isUnnamed_ = false;
   wire::Settings granted_;
 
   // What the client has said, and has not been answered.
