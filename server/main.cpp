@@ -30,6 +30,7 @@
 #include "common/glsl/probe.h"
 #include "common/raster/raster_terrain.h"
 #include "common/text/text.h"
+#include "server/bus/redis.h"
 #include "server/config/config.h"
 #include "server/directory/directory.h"
 #include "server/edits_command.h"
@@ -194,6 +195,18 @@ int serve(const config::Config& config, const sigset_t& signals, const BeginServ
     resources->record = [r = recorder.get()](recording::World world, std::vector<recording::Edited> past, session::Timer::Time now) {
       return r->begin(std::move(world), std::move(past), now);
     };
+  struct Shared {
+    std::shared_ptr<bus::Redis> bus;
+    ~Shared() {
+      if (bus) bus->end();
+    }
+  } shared;  // ends before the executor, which its handlers use
+  if (!config.shared.url.empty()) {
+    auto connected = bus::Redis::connect(config.shared, resources->figures);
+    if (!connected) return refuse(connected.error().message);
+    resources->bus = shared.bus = std::move(*connected);
+    logging::info("shares its worlds by " + shared.bus->where() + " as server " + std::to_string(shared.bus->server()));
+  }
   const auto requestOf = [request = config.terrain, own = std::string((*terrain)->name())](const session::WorldSpec& spec) {
     user_terrain::Request made = request;
     if (spec.terrain != own) {

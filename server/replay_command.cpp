@@ -107,6 +107,7 @@ int play(const std::vector<Parts>& recordings, config::Config config, const Opti
   config.limits.takesEdits = false;
   config.state.clear();
   config.record.clear();
+  config.shared = {};
   config.watch = false;
   return serve(config, [&](directory::Directory& directory) -> Outcome<StartServing> {
     auto begun = playback::Playback::begin(recordings[0], directory, directory.find(directory::kDefaultName), options.span.from);

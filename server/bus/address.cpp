@@ -27,8 +27,9 @@ Outcome<Address> parseAddress(const std::string& url) {
   if (rest.size() == url.size()) return wrong;
   if (const auto at = rest.rfind('@'); at != std::string_view::npos) {
     std::string_view password = rest.substr(0, at);
+    const bool hasPassword = password.find(':') != std::string_view::npos;
     const auto user = text::percentDecoded(text::takePart(password, ':')), decoded = text::percentDecoded(password);
-    if (!user || !decoded || decoded->empty()) return wrong;
+    if (!user || !decoded || decoded->empty() == hasPassword || (user->empty() && !hasPassword)) return wrong;
     a.user = *user;
     a.password = *decoded;
     rest.remove_prefix(at + 1);

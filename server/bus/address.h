@@ -18,7 +18,7 @@ struct Address {
   std::string text() const;  // the URL without user and password
 };
 
-// redis://[[USER]:PASSWORD@]HOST[:PORT][/DATABASE], under TLS rediss://. Error: one sentence, without the password.
+// redis://[[USER][:PASSWORD]@]HOST[:PORT][/DATABASE], under TLS rediss://. Error: one sentence, without the password.
 Outcome<Address> parseAddress(const std::string& url);
 
 }  // namespace ridgecast::bus

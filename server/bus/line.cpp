@@ -92,9 +92,15 @@ std::optional<Error> Line::start() {
 }
 
 void Line::stop() {
+  if (!thread_.joinable()) return;
+  const bool isHandler = thread_.get_id() == std::this_thread::get_id();  // which drops the last owner of the bus
+  if (!isHandler) {
+    const auto answered = std::make_shared<std::promise<void>>();
+    send(command({"PING"}), [answered](const Answer&) { answered->set_value(); });
+    answered->get_future().wait_for(kFarewell);
+  }
   io_.stop();
-  // A handler may drop the last owner of the bus.
-  thread_.get_id() == std::this_thread::get_id() ? thread_.detach() : thread_.join();
+  isHandler ? thread_.detach() : thread_.join();
 }
 
 std::int64_t Line::now() const { return microseconds(Clock::now()) + ahead_; }

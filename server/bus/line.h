@@ -34,14 +34,18 @@ class Line final : public std::enable_shared_from_this<Line> {
  public:
   enum class Script { kAppend, kRead, kLast, kHold, kTake, kDrop, kList, kArrive };
   static constexpr std::size_t kScripts = 8;
+  static constexpr std::chrono::seconds kFarewell{1};
   using Answer = Link::Answer;
   using Done = Link::Done;
 
   Line(Address address, std::string ca, metrics::Metrics& figures);
   // Begins, and waits until the engine is there. Error: one sentence; the line has ended.
   std::optional<Error> start();
-  void stop();  // once, after start(); no handler is called after it, but the one that calls it
+  // After start(). What was called before has its answers, if they come within kFarewell. No handler is called after it, but the one that
+  // calls it.
+  void stop();
 
+  std::string where() const { return address_.text(); }
   std::uint32_t server() const { return server_; }
   bool isAway() const { return isAway_; }
   std::int64_t now() const;

@@ -63,7 +63,12 @@ Appended appendedOf(const Line::Answer& answer) {
 
 Outcome<Address> addressOf(const Redis::Settings& settings) {
   auto address = parseAddress(settings.url);
-  if (!address || settings.passwordFile.empty()) return address;
+  if (!address) return address;
+  if (settings.passwordFile.empty()) {
+    if (!address->user.empty() && address->password.empty())
+      return Error{"The engine's URL names a user; give its password there or in --shared-password-file."};
+    return address;
+  }
   const auto text = text::readFile(settings.passwordFile, kMaxPasswordBytes);
   std::string_view rest = text ? std::string_view(*text) : std::string_view();
   const std::string_view password = text::trimmed(text::takePart(rest, '\n'));
@@ -104,17 +109,19 @@ struct Redis::Figures {
   metrics::Histogram& appendSeconds;
 };
 
-Outcome<std::shared_ptr<Bus>> Redis::connect(const Settings& settings, std::shared_ptr<metrics::Metrics> figures) {
+Outcome<std::shared_ptr<Redis>> Redis::connect(const Settings& settings, std::shared_ptr<metrics::Metrics> figures) {
   auto address = addressOf(settings);
   if (!address) return address.error();
   const auto line = std::make_shared<Line>(std::move(*address), settings.ca.string(), *figures);
   if (const auto error = line->start()) return *error;
-  return std::shared_ptr<Bus>(new Redis(line, std::make_shared<Figures>(std::move(figures))));
+  return std::shared_ptr<Redis>(new Redis(line, std::make_shared<Figures>(std::move(figures))));
 }
 
 Redis::Redis(std::shared_ptr<Line> line, std::shared_ptr<Figures> figures) : line_(std::move(line)), figures_(std::move(figures)) {}
-Redis::~Redis() { line_->stop(); }
+Redis::~Redis() { end(); }
+void Redis::end() { line_->stop(); }
 
+std::string Redis::where() const { return line_->where(); }
 std::uint32_t Redis::server() const { return line_->server(); }
 bool Redis::isAway() const { return line_->isAway(); }
 std::int64_t Redis::now() const { return line_->now(); }

@@ -39,8 +39,12 @@ class Redis final : public Bus {
     std::filesystem::path ca;            // of rediss://, PEM; empty: the authorities that this system trusts
   };
   // Waits until the engine is there, at most some seconds. Error: it is not, it loses what it acknowledges, or evicts.
-  static Outcome<std::shared_ptr<Bus>> connect(const Settings& settings, std::shared_ptr<metrics::Metrics> figures);
-  ~Redis() override;
+  static Outcome<std::shared_ptr<Redis>> connect(const Settings& settings, std::shared_ptr<metrics::Metrics> figures);
+  ~Redis() override;  // end()
+  // Waits a second at most until what was called is answered. No handler is called after it, and calls do nothing.
+  void end();
+
+  std::string where() const;  // without its password
 
   std::uint32_t server() const override;
   bool isAway() const override;

@@ -9,6 +9,7 @@
 #include "common/version/version.h"
 #include "common/wire/wire.h"
 #include "server/access/host.h"
+#include "server/bus/address.h"
 #include "server/config/layers.h"
 #include "server/config/token_command.h"
 #include "server/memory/memory.h"
@@ -160,6 +161,14 @@ void addOperation(CLI::App& app, Written& w) {
   app.add_option("--record", w.config.record, "Folder in which every session is recorded, for 'ridgecast-server replay'")->type_name("DIR");
   addNumber(app, "--record-bytes", w.config.recordBytes,
             "Largest total of the recordings in that folder, in bytes; the oldest parts are deleted", 1'048'576, std::uint64_t{1} << 50);
+  app.add_option(
+         "--shared", w.config.shared.url,
+         "Redis that this server shares its worlds with others by, redis://[USER:PASSWORD@]HOST[:PORT][/DATABASE], under TLS rediss://")
+      ->type_name("URL");
+  app.add_option("--shared-password-file", w.config.shared.passwordFile, "Password of that Redis, instead of one in the URL")
+      ->type_name("FILE");
+  app.add_option("--shared-ca", w.config.shared.ca, "Certificate authorities (PEM) to trust for rediss:// instead of the system's")
+      ->type_name("FILE");
   addSeconds(app, "--drain-delay", w.config.net.drainDelay,
              "Seconds after SIGTERM during which the server serves as before while /readyz says 503, because balancers lag", 0, 3600);
   addSeconds(app, "--drain", w.config.net.drain, "Seconds to wait for clients to leave after SIGTERM", 0, 3600);
@@ -210,6 +219,8 @@ Outcome<Config> finish(Written&& w) {
     c.limits.maxTotalTriangles = std::max<std::uint64_t>(c.limits.maxTotalTriangles, settings::kMinBudget);
   c.snapshots.share = w.snapshotShare / 100;
   if (!c.state.empty() && c.watch) return Error{"--watch changes the ground under edits that --state keeps; leave one of them out."};
+  if (!c.shared.url.empty())
+    if (const auto address = bus::parseAddress(c.shared.url); !address) return address.error();
   c.limits.maxMembers = std::min(c.limits.maxMembers, c.limits.maxCameras);
   if (w.logFormat == "json") c.logFormat = logging::Format::kJson;
   const std::map<std::string, logging::Level> levels{{"debug", logging::Level::kDebug},

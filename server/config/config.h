@@ -8,6 +8,7 @@
 
 #include "common/outcome/outcome.h"
 #include "common/user_terrain/catalogue.h"
+#include "server/bus/redis.h"
 #include "server/logging/logging.h"
 #include "server/net/server.h"
 #include "server/session/session.h"
@@ -25,6 +26,7 @@ struct Config {
   std::filesystem::path state;     // of the sessions' edits; empty: not kept
   std::filesystem::path record;    // folder of recordings; empty: none are made
   std::uint64_t recordBytes = std::uint64_t{1} << 30;
+  bus::Redis::Settings shared;      // the engine between the servers of these worlds; no URL: none
   bool watch = false;               // sessions follow their terrain files
   unsigned threads = 0;             // 0: as many as the hardware has
   std::filesystem::path portFile;   // empty: none

@@ -176,6 +176,18 @@ Outcome<Layers> addLayers(CLI::App& app, const std::filesystem::path& file, cons
   return layers;
 }
 
+namespace {
+
+// A URL's password is nobody's to read over a shoulder.
+std::string withoutPassword(const std::string& url) {
+  const auto scheme = url.find("://"), at = url.rfind('@');
+  if (scheme == std::string::npos || at == std::string::npos || at < scheme) return url;
+  const auto colon = url.find(':', scheme + 3);
+  return colon < at ? url.substr(0, colon + 1) + "..." + url.substr(at) : url;
+}
+
+}  // namespace
+
 std::string describe(const CLI::App& app, const Layers& layers) {
   std::string out;
   for (const CLI::Option* option : app.get_options()) {
@@ -186,7 +198,7 @@ std::string describe(const CLI::App& app, const Layers& layers) {
       for (const std::string& one : option->results()) value += (value.empty() ? "" : ", ") + literal(one);
       value = "[" + value + "]";
     } else if (option->count() > 0) {
-      value = isFlag(*option) ? (option->as<bool>() ? "true" : "false") : literal(option->results().back());
+      value = isFlag(*option) ? (option->as<bool>() ? "true" : "false") : literal(withoutPassword(option->results().back()));
     } else {
       value = isFlag(*option) ? "false" : literal(option->get_default_str());
     }

@@ -26,7 +26,9 @@ std::optional<Reply> operations(const std::shared_ptr<ServerContext>& server, co
   if (!request.reads()) return http::wrongMethod();
   if (path == "/readyz") {
     const http::Headers load{{"Ridgecast-Load", text::rounded(server ? saturation(*server) : 1, 2)}};
-    return server && server->ready ? http::plain(200, "ready", load) : http::plain(503, "This server is leaving.", load);
+    if (!server || !server->ready) return http::plain(503, "This server is leaving.", load);
+    // Still 200: meshes and queries go on, and no other server would be better off.
+    return http::plain(200, server->directory->resources().bus->isAway() ? "ready; the engine of --shared is away" : "ready", load);
   }
   Answer a;
   a.type = "text/plain; version=0.0.4; charset=utf-8";

@@ -54,5 +54,6 @@ Report cameras(const Options&);
 Report edits(const Options&);
 Report doors(const Options&);
 Report resume(const Options&);
+Report bus(const Options&);
 
 }  // namespace ridgecast::bench

@@ -36,6 +36,7 @@ const Entry kEntries[] = {
     {"cameras", "many cameras on one server, real sockets, this machine", cameras},
     {"deltas", "what changed in a leaf against sending the leaf whole", deltas},
     {"edits", "a log of edits: commits a second, cold starts from the cached ground and from the edits", edits},
+    {"bus", "what servers share by Redis: synced appends by one and by sixteen, messages", bus},
     {"doors", "the stream against whole leaves, 3D Tiles and Terrarium tiles, along the evaluation's flights", doors},
     {"resume", "what a client that comes back costs: a start, a resume, a handover by a checkpoint", resume},
     {"soak", "an hour's flight: budget, memory, soundness", soak},

@@ -14,7 +14,10 @@ RedisServer::RedisServer(std::vector<std::string> arguments) : arguments_(std::m
 void RedisServer::start() {
   std::vector<std::string> words{"redis-server", "--port", std::to_string(port_), "--bind", "127.0.0.1", "--dir", folder().string(),
                                  "--appendonly", "yes",    "--appendfsync",       "always", "--save",    ""};
-  words.insert(words.end(), arguments_.begin(), arguments_.end());
+  for (const std::string& argument : arguments_) {
+    const bool isFile = &argument == &arguments_.front() && !argument.starts_with("-");
+    words.insert(isFile ? words.begin() + 1 : words.end(), argument == "PORT" ? std::to_string(port_) : argument);
+  }
   const bool started = await(
       [&] {
         process_.emplace(words);

@@ -14,16 +14,17 @@ class RedisServer {
  public:
   static bool exists() { return programExists("redis-server") && programExists("redis-cli"); }
 
-  // As an engine of servers must be, if `arguments`, which are redis-server's, do not say otherwise. Throws std::runtime_error with its
-  // output when it does not start.
+  // As an engine of servers must be, if `arguments`, which are redis-server's, do not say otherwise; PORT in them is its port. A settings
+  // file comes first. Throws std::runtime_error with its output when it does not start.
   explicit RedisServer(std::vector<std::string> arguments = {});
 
   std::uint16_t port() const { return port_; }
   std::string url() const { return "redis://127.0.0.1:" + std::to_string(port_); }
-  void kill();       // -9
-  void start();      // again, with its data, on its port
-  void pause();      // SIGSTOP
-  void resume();     // SIGCONT
+  void kill();    // -9
+  void start();   // again, with its data, on its port
+  void pause();   // SIGSTOP
+  void resume();  // SIGCONT
+  pid_t id() const { return process_->id(); }
   bool isRunning();  // false: killed, or ended by itself
   // What redis-cli prints; it may run for as long as it needs.
   std::string command(const std::vector<std::string>& words) const;
