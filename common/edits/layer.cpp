@@ -218,15 +218,21 @@ void Layer::forEachTile(const Posts& posts, const std::function<void(TileAddress
 
 std::uint64_t Layer::hash() const {
   std::uint64_t sum = 0;
-  for (const TileAddress a : addresses()) {
-    const TilePosts t = tile(a)->posts();
-    for (std::int64_t k = 0; k < kTileSide * kTileSide; ++k) {
-      const auto slot = static_cast<std::size_t>(k);
-      if (t.rise[slot] == 0 && t.material[slot] == 0) continue;
-      const std::uint64_t at = lattice::mix(static_cast<std::uint64_t>(a.i * kTileSide + k % kTileSide) +
-                                            lattice::mix(static_cast<std::uint64_t>(a.j * kTileSide + k / kTileSide)));
-      sum += lattice::mix(at ^ (static_cast<std::uint64_t>(static_cast<std::uint32_t>(t.rise[slot])) << 8 | t.material[slot]));
-    }
+  for (const TileAddress a : addresses()) sum += hashOf(a);
+  return sum;
+}
+
+std::uint64_t Layer::hashOf(TileAddress a) const {
+  const Tile* const of = tile(a);
+  if (!of) return 0;
+  std::uint64_t sum = 0;
+  const TilePosts t = of->posts();
+  for (std::int64_t k = 0; k < kTileSide * kTileSide; ++k) {
+    const auto slot = static_cast<std::size_t>(k);
+    if (t.rise[slot] == 0 && t.material[slot] == 0) continue;
+    const std::uint64_t at = lattice::mix(static_cast<std::uint64_t>(a.i * kTileSide + k % kTileSide) +
+                                          lattice::mix(static_cast<std::uint64_t>(a.j * kTileSide + k / kTileSide)));
+    sum += lattice::mix(at ^ (static_cast<std::uint64_t>(static_cast<std::uint32_t>(t.rise[slot])) << 8 | t.material[slot]));
   }
   return sum;
 }

@@ -94,8 +94,9 @@ class Layer {
   std::vector<TileAddress> addresses() const;  // ascending
   // Those that meet the posts.
   void forEachTile(const Posts& posts, const std::function<void(TileAddress, const Tile&)>& f) const;
-  // Equal for layers with equal ground, whatever made them.
+  // Equal for layers with equal ground, whatever made them: the sum of its tiles' hashes.
   std::uint64_t hash() const;
+  std::uint64_t hashOf(TileAddress address) const;  // no tile: 0
 
   // Steps above the terrain's own height at a post.
   std::int32_t riseAt(std::int64_t x, std::int64_t z) const;

@@ -14,7 +14,7 @@ Directory::Directory(std::shared_ptr<const session::Resources> resources, std::s
                      std::vector<std::pair<std::string, double>> defaultParameters)
     : resources_(std::move(resources)),
       quota_(std::make_shared<session::CameraQuota>(resources_->limits.maxCameras, resources_->limits.maxTotalTriangles)),
-      reservations_(resources_->state),
+      reservations_(resources_->state, resources_->bus->server() != 0),
       default_{std::move(defaultTerrain), std::move(defaultParameters)},
       worlds_(std::make_shared<SharedWorlds>(resources_->bus, kGrace + resources_->limits.sessionIdle)) {
   expects(resources_->executor && default_.terrain, "a server has threads, and a terrain to begin with");
@@ -33,7 +33,8 @@ void Directory::awaitDefault() {
   if (find(kDefaultName)) return;
   if (!awaiting_) {
     awaiting_ = resources_->writer().makePool(1);
-    logging::info({.session = std::string(kDefaultName)}, "another server has it; this one takes it when that one lets go of it");
+    if (reservations_.isElsewhere(std::string(kDefaultName)))
+      logging::info({.session = std::string(kDefaultName)}, "another server has it; this one takes it when that one lets go of it");
   }
   constexpr std::chrono::milliseconds kPause{100};
   resources_->timer->at(resources_->timer->now() + kPause, [weak = weak_from_this()] {
@@ -43,7 +44,13 @@ void Directory::awaitDefault() {
     self->awaiting_->post([weak] {  // its edits may take seconds
       const auto directory = weak.lock();
       if (!directory) return;
-      const auto added = directory->addDefault();
+      auto reservation = directory->reserve(std::string(kDefaultName));
+      if (reservation && !*reservation) {  // here, or still closing its log
+        if (!directory->find(kDefaultName)) directory->awaitDefault();
+        return;
+      }
+      const auto added = reservation ? directory->add(std::move(*reservation), directory->default_.terrain, directory->default_.parameters)
+                                     : reservation.error();
       if (added) return logging::info({.session = std::string(kDefaultName)}, "is this server's now");
       if (directory->reservations_.isElsewhere(std::string(kDefaultName))) return directory->awaitDefault();
       logging::error({.session = std::string(kDefaultName)}, "nobody can enter it: " + added.error().message);
@@ -87,6 +94,9 @@ Outcome<std::shared_ptr<session::Session>> Directory::add(std::unique_ptr<Reserv
   session::WorldSpec spec{std::string(terrain->name()), terrain->seed(), std::move(parameters), clock};
   auto kept = reservation->keep({spec.terrain, spec.seed, spec.parameters, terrain::contentHash(*terrain)}, terrain);
   if (!kept) return kept.error();
+  kept->left = [weak = weak_from_this(), name] {
+    if (const auto self = weak.lock()) self->letGo(name);
+  };
   auto session = std::make_shared<session::Session>(name, std::move(terrain), std::move(spec), resources_, quota_, std::move(*kept));
   const Kept added{session, std::move(maker), 0, {}, claimed.world, claimed.epoch};
   if (isShared()) session->claimBeforeEdits(claimOf(name, claimed.world));
@@ -136,6 +146,18 @@ std::shared_ptr<session::Session> Directory::remove(std::string_view name) {
   return kept.session;
 }
 
+void Directory::letGo(const std::string& name) {
+  std::shared_ptr<session::Session> session;
+  {
+    const std::lock_guard lock(mutex_);
+    const auto it = sessions_.find(name);
+    if (it == sessions_.end() || !it->second.session->edits().isOver()) return;
+    session = take(it);
+  }
+  for (const auto& camera : session->live().all()) camera->goAway();
+  if (name == kDefaultName) awaitDefault();
+}
+
 std::vector<std::shared_ptr<session::Session>> Directory::all() const {
   const std::lock_guard lock(mutex_);
   std::vector<std::shared_ptr<session::Session>> out;
@@ -150,7 +172,8 @@ std::optional<Directory::Full> Directory::full(std::string_view maker) const {
 
 std::optional<Directory::Full> Directory::fullFor(std::string_view maker) const {
   const session::Limits& limits = resources_->limits;
-  std::size_t all = sessions_.size(), made = std::ranges::count_if(sessions_, [&](const auto& entry) { return entry.second.maker == maker; });
+  std::size_t all = sessions_.size(),
+              made = std::ranges::count_if(sessions_, [&](const auto&entry) { return entry.second.maker == maker; });
   std::set<std::string_view> there;
   for (const ServerStatus& server : *others_)
     for (const auto& [name, its] : server.sessions)

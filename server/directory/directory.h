@@ -82,7 +82,7 @@ class Directory : public std::enable_shared_from_this<Directory> {
 
   // Of a valid name that find() does not know: whether another server has it, which will let go of it.
   bool isElsewhere(const std::string& name) const { return reservations_.isElsewhere(name); }
-  // If another server has the default session, takes it as soon as that server releases it. Call once, before anybody asks for it.
+  // If another server has the default session, takes it as soon as that server releases it.
   void awaitDefault();
 
   // ---- with other servers ----
@@ -157,7 +157,8 @@ class Directory : public std::enable_shared_from_this<Directory> {
   };
   using Sessions = std::map<std::string, Kept, std::less<>>;
   std::optional<Full> fullFor(std::string_view maker) const;  // under the lock
-  void sweepSoon();  // under the lock
+  void letGo(const std::string& name);                        // of a session that cannot go on here; its members must connect again
+  void sweepSoon();                                           // under the lock
   void sweep();
 
   void tick();

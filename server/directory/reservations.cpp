@@ -31,10 +31,32 @@ Outcome<std::unique_ptr<edit_store::Store>> beginLog(std::shared_ptr<const edit_
   return std::unique_ptr<edit_store::Store>(std::move(*log));
 }
 
+fs::path asideOf(const fs::path& log, int number) { return log.string() + ".aside" + std::to_string(number); }
+
+// A log that is closed. SQLite may have left its journal, which belongs to it.
+void setAside(const fs::path& log) {
+  std::error_code failed;
+  int number = 1;
+  while (number < kMaxAside && fs::exists(asideOf(log, number), failed)) ++number;
+  if (!fs::exists(log, failed)) return;
+  for (const char* const part : {"", "-wal", "-shm"})
+    if (fs::exists(log.string() + part, failed)) fs::rename(log.string() + part, asideOf(log, number).string() + part, failed);
+  if (failed) return logging::error(folderOf(log) + "'" + log.filename().string() + "' cannot be set aside: " + failed.message() + ".");
+  logging::warning(folderOf(log) + "'" + log.filename().string() + "' is now '" + asideOf(log, number).filename().string() +
+                   "': it is not what the other servers have; delete it when nobody needs it.");
+}
+
 }  // namespace
 
-Reservations::Reservations(fs::path state) : state_(std::move(state)) {
-  if (!state_.empty()) edit_log::Lock::prepare(state_).value();
+Reservations::Reservations(fs::path state, bool isShared) : state_(std::move(state)) {
+  if (state_.empty()) return;
+  edit_log::Lock::prepare(state_).value();
+  if (!isShared) return;
+  auto folder = edit_log::Lock::take(state_ / "this folder");
+  if (!folder)
+    throw std::runtime_error("--state '" + state_.string() +
+                             "' is another server's; with --shared each server has a folder of its own, for its copies of the edits.");
+  folder_ = std::move(*folder);
 }
 
 bool Reservations::hasLog(const std::string& name) const {
@@ -59,6 +81,12 @@ Outcome<std::unique_ptr<Reservation>> Reservations::take(const std::string& name
     auto lock = edit_log::Lock::take(logOf(name));
     if (!lock) return lock.error();
     held.lock = std::move(*lock);
+    std::error_code unknown;
+    if (fs::exists(asideOf(logOf(name), kMaxAside), unknown))
+      return told(logOf(name),
+                  Error{"The session '" + name + "' does not begin here: " + std::to_string(kMaxAside) +
+                        " logs of it were set aside, as they were not what the other servers have; its operator must find out why, "
+                        "and move them away."});
     auto log = edit_log::Log::open(held.lock);
     if (!log) return told(logOf(name), log.error());
     reservation->log_ = std::move(*log);
@@ -73,6 +101,7 @@ Outcome<session::Edits::Kept> Reservation::keep(const edit_log::World& world, co
   if (!held_->lock) return kept;  // its name is free as soon as it lives
   kept.held = held_;
   kept.folder = folderOf(held_->lock->log());
+  kept.setAside = [log = held_->lock->log()] { setAside(log); };
   if (!log_) {
     kept.makeStore = [lock = held_->lock, world](std::string_view client) { return beginLog(lock, world, client); };
     return kept;

@@ -21,6 +21,7 @@
 namespace ridgecast::directory {
 
 inline constexpr std::size_t kMaxKept = 4096;  // logs in Resources::state, of which one client may begin half
+inline constexpr int kMaxAside = 9;            // of one name, which are not what the other servers have: NAME.edits.aside1 and so on
 
 class Reservation {
  public:
@@ -54,8 +55,9 @@ class Reservation {
 
 class Reservations {
  public:
-  // The folder of the logs; empty: edits are not kept. Throws std::runtime_error with one sentence when it cannot be written.
-  explicit Reservations(std::filesystem::path state);
+  // The folder of the logs; empty: edits are not kept. `isShared`: other servers have these sessions, too, each with a folder of its own,
+  // for its copies. Throws std::runtime_error with one sentence when it cannot be written, or is another such server's.
+  explicit Reservations(std::filesystem::path state, bool isShared = false);
 
   // Null: it is taken here. Error: one sentence; another server has it, or its log cannot be read.
   Outcome<std::unique_ptr<Reservation>> take(const std::string& name) const;
@@ -72,6 +74,7 @@ class Reservations {
   std::filesystem::path logOf(const std::string& name) const { return state_ / (name + ".edits"); }
 
   const std::filesystem::path state_;
+  std::shared_ptr<const edit_log::Lock> folder_;  // of a server among others
   const std::shared_ptr<Names> names_ = std::make_shared<Names>();
 };
 

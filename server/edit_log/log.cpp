@@ -8,6 +8,7 @@
 #include "common/outcome/contract.h"
 #include "common/text/text.h"
 #include "server/edit_log/database.h"
+#include "server/edit_log/entry.h"
 #include "server/edit_log/tiles.h"
 
 namespace ridgecast::edit_log {
@@ -35,17 +36,10 @@ constexpr const char* kAddEdit = "INSERT INTO edits VALUES(?1, ?2, ?3, ?4, ?5, ?
 Bytes bytesOf(std::string_view text) { return {reinterpret_cast<const std::uint8_t*>(text.data()), text.size()}; }
 
 // `operation`: as the file has it.
-std::uint64_t hashOfEdit(const Applied& edit, std::string_view operation) {
+std::uint64_t hashOfVersion1(const Applied& edit, std::string_view operation) {
   std::uint64_t hash = lattice::mix(edit.number + lattice::mix(static_cast<std::uint64_t>(edit.time)));
   for (const std::string_view text : {std::string_view(edit.key), std::string_view(edit.author), operation})
     hash = hashOfBytes(bytesOf(text), hash);
-  return hash;
-}
-
-std::uint64_t hashOfEdit(const Applied& edit) {
-  std::uint64_t hash = hashOfEdit(edit, edit.operation);
-  for (const lattice::Step side : {edit.ground.x0, edit.ground.z0, edit.ground.x1, edit.ground.z1})
-    hash = lattice::mix(hash + static_cast<std::uint64_t>(side));
   return hash;
 }
 
@@ -199,7 +193,7 @@ Outcome<void> Log::bringUpToDate() {
       if (!*row) break;
       Applied edit{rows.number(0), std::string(rows.text(1)), std::string(rows.text(2)), rows.integer(3), {}, {}};
       const std::string which = "edit " + std::to_string(edit.number);
-      if (hashOfEdit(edit, rows.text(4)) != rows.number(5)) return damaged(which + " has another hash");
+      if (hashOfVersion1(edit, rows.text(4)) != rows.number(5)) return damaged(which + " has another hash");
       const auto operation = edits::fromJson(rows.text(4));
       if (!operation) return damaged(which + " cannot be read: " + operation.error().message);
       edit.operation = edits::pack(*operation);
@@ -317,7 +311,7 @@ Outcome<std::vector<Applied>> Log::readNow(std::uint64_t after, std::size_t most
     if (bytes > most && !out.empty()) break;
     const std::uint64_t wanted = after + out.size() + 1;
     if (edit.number != wanted) return damaged("edit " + std::to_string(wanted) + " is missing");
-    if (hashOfEdit(edit) != rows.number(9)) return damaged("edit " + std::to_string(wanted) + " has another hash");
+    if (identityOf(edit) != rows.number(9)) return damaged("edit " + std::to_string(wanted) + " has another hash");
     out.push_back(std::move(edit));
   }
   return out;
@@ -355,7 +349,7 @@ Outcome<std::optional<std::uint64_t>> Log::numberOf(const std::string& key) {
 
 Outcome<void> Log::put(const Applied& edit) {
   return sql_->addEdit.run(edit.number, std::string_view(edit.key), std::string_view(edit.author), edit.time, bytesOf(edit.operation),
-                           edit.ground.x0, edit.ground.z0, edit.ground.x1, edit.ground.z1, hashOfEdit(edit));
+                           edit.ground.x0, edit.ground.z0, edit.ground.x1, edit.ground.z1, identityOf(edit));
 }
 
 Outcome<void> Log::put(edits::TileAddress at, const edits::Tile* tile, std::uint64_t& sum) {

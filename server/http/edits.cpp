@@ -153,6 +153,17 @@ Reply post(const Request& request, std::shared_ptr<session::Session> session) {
                      }};
 }
 
+// `which`: the number in the path, if that names an edit.
+Reply respond(const Request& request, std::shared_ptr<session::Session> session, const std::optional<std::string>& which) {
+  if (request.reads()) return list(request, session);
+  if (!which) return post(request, std::move(session));
+  const auto number = text::number<std::uint64_t>(*which);
+  if (!number) return refused(400, metrics::Refusal::kRequest, "The path names the number of an edit, such as edits/17.");
+  edits::Operation undo{edits::Undo{*number}, 0};
+  if (auto checked = edits::check(undo); !checked) return invalid(checked.error());
+  return make(session, std::move(undo), {}, std::string(request.client));
+}
+
 std::optional<Reply> respond(const Request& request, const directory::Directory& directory) {
   std::string_view path = request.path();
   constexpr std::string_view kPrefix = "/v1/sessions/", kEdits = "edits";
@@ -163,16 +174,13 @@ std::optional<Reply> respond(const Request& request, const directory::Directory&
   const bool isOne = rest != kEdits;
   if (isOne ? request.method != "DELETE" : !request.reads() && request.method != "POST")
     return wrongMethod(isOne ? "DELETE" : "GET, HEAD, POST");
-  auto session = directory.find(name);
+  const auto session = directory.find(name);
   if (!session) return noSession(name, directory);
   session->use();
-  if (request.reads()) return list(request, session);
-  if (!isOne) return post(request, std::move(session));
-  const auto number = text::number<std::uint64_t>(rest.substr(kEdits.size() + 1));
-  if (!number) return refused(400, metrics::Refusal::kRequest, "The path names the number of an edit, such as edits/17.");
-  edits::Operation undo{edits::Undo{*number}, 0};
-  if (auto checked = edits::check(undo); !checked) return invalid(checked.error());
-  return make(session, std::move(undo), {}, std::string(request.client));
+  const auto own = std::make_shared<const OwnRequest>(request);
+  std::optional<std::string> which;
+  if (isOne) which = rest.substr(kEdits.size() + 1);
+  return onceHas(request.edit, session, [own, session, which = std::move(which)] { return respond(own->request(), session, which); });
 }
 
 }  // namespace

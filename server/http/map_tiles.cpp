@@ -137,6 +137,35 @@ Answer listOf(const std::string& name, bool colours, const Placing& asked, const
   return opened(json(body + "\n}\n"));
 }
 
+Reply answerTile(const Request& request, const std::shared_ptr<session::Session>& session, const Wanted& wanted, const Placing& asked) {
+  const session::Ground ground = session->ground();
+  const terrain::Raster* const samples = ground.terrain->raster();
+  const terrain::Raster* const map =
+      session->resources().limits.sendsTerrain ? samples : nullptr;  // a private one does not say where it lies
+  if (!asked.at && !(map && terrain::onGrid(*map, {}))) return openRefusal(400, kSayAt);
+  if (wanted.isList) {
+    if (request.host.empty() || !text::hasOnly(request.host, ".:-[]"))
+      return openRefusal(400, "Send a Host header: the tiles' addresses are made of it.");
+    const auto query = handedOn(request.query());
+    if (!query) return openRefusal(400, query.error().message);
+    const std::string folder = std::string(request.isSecure ? "https://" : "http://") + std::string(request.host) +
+                               std::string(kTilesPrefix) + wanted.session + (wanted.colours ? "/colours/" : "/heights/");
+    return DeferredResponse{.queue = Queue::kTiles,
+                            .work = [terrain = ground.terrain, map, name = wanted.session, colours = wanted.colours, asked, folder,
+                                     query = *query](const Turn&) { return listOf(name, colours, asked, map, folder, query); }};
+  }
+  const std::string etag = etagOf(session->hashOf(ground), wanted, asked, map);
+  const auto work = [ground, wanted, asked, map, etag](const Turn& turn) {
+    Answer made = tileOf(*ground.terrain, wanted, asked, map, turn.stop);
+    if (made.status != 200) return made;
+    made = opened(std::move(made));
+    made.headers.emplace_back(kEditHeader, std::to_string(ground.edit));
+    made.etag = etag;
+    return made;
+  };
+  return DeferredResponse{.queue = Queue::kTiles, .work = work, .unchanged = opened({.etag = etag})};
+}
+
 std::optional<Reply> answerTile(const Request& request, const directory::Directory& directory) {
   const auto wanted = readPath(request.path());
   if (!wanted) return std::nullopt;
@@ -149,34 +178,10 @@ std::optional<Reply> answerTile(const Request& request, const directory::Directo
                                 std::to_string(map::kFinestTileLevel) + ", X and Y below 2^Z.");
   const auto asked = readQuery(request.query());
   if (!asked) return openRefusal(400, asked.error().message);
-  if (auto lacking = lacksEdit(request.edit, *session)) return opened(std::move(*lacking));
   session->use();
-  const session::Ground ground = session->ground();
-  const terrain::Raster* const samples = ground.terrain->raster();
-  const terrain::Raster* const map =
-      session->resources().limits.sendsTerrain ? samples : nullptr;  // a private one does not say where it lies
-  if (!asked->at && !(map && terrain::onGrid(*map, {}))) return openRefusal(400, kSayAt);
-  if (wanted->isList) {
-    if (request.host.empty() || !text::hasOnly(request.host, ".:-[]"))
-      return openRefusal(400, "Send a Host header: the tiles' addresses are made of it.");
-    const auto query = handedOn(request.query());
-    if (!query) return openRefusal(400, query.error().message);
-    const std::string folder = std::string(request.isSecure ? "https://" : "http://") + std::string(request.host) +
-                               std::string(kTilesPrefix) + wanted->session + (wanted->colours ? "/colours/" : "/heights/");
-    return DeferredResponse{.queue = Queue::kTiles,
-                            .work = [terrain = ground.terrain, map, name = wanted->session, colours = wanted->colours, asked = *asked,
-                                     folder, query = *query](const Turn&) { return listOf(name, colours, asked, map, folder, query); }};
-  }
-  const std::string etag = etagOf(session->hashOf(ground), *wanted, *asked, map);
-  const auto work = [ground, wanted = *wanted, asked = *asked, map, etag](const Turn& turn) {
-    Answer made = tileOf(*ground.terrain, wanted, asked, map, turn.stop);
-    if (made.status != 200) return made;
-    made = opened(std::move(made));
-    made.headers.emplace_back(kEditHeader, std::to_string(ground.edit));
-    made.etag = etag;
-    return made;
-  };
-  return DeferredResponse{.queue = Queue::kTiles, .work = work, .unchanged = opened({.etag = etag})};
+  const auto own = std::make_shared<const OwnRequest>(request);
+  return onceHas(
+      request.edit, session, [=] { return answerTile(own->request(), session, *wanted, *asked); }, opened);
 }
 
 }  // namespace

@@ -204,11 +204,7 @@ std::optional<Reply> answerQuery(const Request& request, directory::Directory& d
   const std::string client(request.client);
   const auto enter = posts ? posted(*form, *type, request.query(), client) : inUrl(*form, request.query(), client);
   if (!enter) return refused(400, metrics::Refusal::kRequest, enter.error().message);
-  return inSession(request, directory,
-                   [enter = *enter, edit = std::string(request.edit)](std::shared_ptr<session::Session> session) -> Reply {
-                     if (auto lacking = lacksEdit(edit, *session)) return *lacking;
-                     return enter(std::move(session));
-                   });
+  return inSession(request, directory, *enter);
 }
 
 }  // namespace

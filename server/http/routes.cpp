@@ -102,15 +102,36 @@ Answer noSession(std::string_view name, const directory::Directory& directory) {
                  "There is no session " + which + " here; 'default' always exists, and &terrain=NAME of /v1/stream creates one.");
 }
 
-std::optional<Answer> lacksEdit(std::string_view edit, const session::Session& session) {
-  if (edit.empty()) return {};
-  const auto wanted = text::number<std::uint64_t>(edit);
-  if (!wanted) return refused(400, metrics::Refusal::kRequest, std::string(kEditHeader) + " is the number of an edit, such as 17.");
-  if (const std::uint64_t last = session.ground().edit; *wanted > last)
-    return refused(409, metrics::Refusal::kSession,
-                   "Edit " + std::to_string(*wanted) + " has not been made in session '" + session.name() + "'; its last edit is " +
-                       std::to_string(last) + ".");
-  return {};
+OwnRequest::OwnRequest(const Request& request) : request_(request) {
+  for (std::string_view Request::*const text :
+       {&Request::method, &Request::target, &Request::host, &Request::webSocketVersion, &Request::acceptEncoding, &Request::contentType,
+        &Request::idempotencyKey, &Request::edit, &Request::origin, &Request::fetchSite, &Request::authorization, &Request::subprotocols,
+        &Request::client})
+    request_.*text = texts_.emplace_back(request_.*text);
+}
+
+Reply onceHas(std::string_view edit, const std::shared_ptr<session::Session>& session, std::function<Reply()> go,
+              Answer (*refuses)(Answer)) {
+  const auto wanted = edit.empty() ? 0 : text::number<std::uint64_t>(edit);
+  if (!wanted)
+    return refuses(refused(400, metrics::Refusal::kRequest, std::string(kEditHeader) + " is the number of an edit, such as 17."));
+  const std::uint64_t last = session->ground().edit;
+  if (session->edits().isCurrent() && *wanted <= last) return go();
+  if (session->resources().bus->server() == 0)
+    return refuses(refused(409, metrics::Refusal::kSession,
+                           "Edit " + std::to_string(*wanted) + " has not been made in session '" + session->name() +
+                               "'; its last edit is " + std::to_string(last) + "."));
+  const auto until = std::chrono::steady_clock::now() + kAwaitEdit;
+  return DeferredResponse{.work = [session, wanted = *wanted, until, go = std::move(go), refuses](const Turn&) -> Reply {
+    const std::uint64_t edit = session->ground().edit;
+    if (session->edits().isCurrent() && wanted <= edit) return go();
+    constexpr std::chrono::milliseconds kPause{5};
+    if (const auto now = std::chrono::steady_clock::now(); now < until) return RetryAt{now + kPause};
+    return refuses(refused(503, metrics::Refusal::kSession,
+                           (wanted > edit ? "Edit " + std::to_string(wanted) : std::string("What other servers have made of the ground")) +
+                               " has not reached this server; ask again in a moment.",
+                           {{"Retry-After", "1"}}));
+  }};
 }
 
 std::string routeOf(std::string_view path) {

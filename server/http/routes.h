@@ -13,7 +13,9 @@
 // HEAD is answered wherever GET is. Everything else is refused in one sentence.
 
 #include <algorithm>
+#include <chrono>
 #include <cstddef>
+#include <deque>
 #include <functional>
 #include <memory>
 #include <optional>
@@ -123,8 +125,26 @@ using Route = std::function<std::optional<Reply>(const Request& request)>;
 // `routes` are tried first, in order.
 Reply answer(const Request& request, directory::Directory& directory, std::string_view version, const std::vector<Route>& routes = {});
 
-// A refusal, if the session has not made the edit that the answer must include (Request::edit).
-std::optional<Answer> lacksEdit(std::string_view edit, const session::Session& session);
+// A request whose views live as long as this does.
+class OwnRequest {
+ public:
+  explicit OwnRequest(const Request& request);
+  OwnRequest(const OwnRequest&) = delete;
+  OwnRequest& operator=(const OwnRequest&) = delete;
+  const Request& request() const { return request_; }
+
+ private:
+  Request request_;
+  std::deque<std::string> texts_;
+};
+
+// The reply of `go`, if the session has made the edit that the answer must include (Request::edit), which may be empty. On several servers
+// it is made by work, once this server's ground has that edit and all that the others had made when it began; a server that still lacks
+// them after kAwaitEdit refuses. `refuses` is for these refusals.
+Reply onceHas(
+    std::string_view edit, const std::shared_ptr<session::Session>& session, std::function<Reply()> go,
+    Answer (*refuses)(Answer) = [](Answer a) { return a; });
+inline constexpr std::chrono::milliseconds kAwaitEdit{1000};
 
 // The route of a path, of a fixed set, for the metrics: such as /v1/heights, /v1/sessions/{session}/snapshot.glb or other.
 std::string routeOf(std::string_view path);

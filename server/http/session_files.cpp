@@ -92,9 +92,10 @@ Route sessionFileRoute(
           400, "A session's name has 1 to " + std::to_string(wire::kMaxSessionBytes) + " letters, digits, dots, underscores or hyphens.");
     auto session = directory->find(name);
     if (!session) return opened(noSession(name, *directory));
-    if (auto lacking = lacksEdit(request.edit, *session)) return opened(std::move(*lacking));
     session->use();
-    return answer(request, std::move(session), file);
+    const auto own = std::make_shared<const OwnRequest>(request);
+    return onceHas(
+        request.edit, session, [=, file = std::string(file)] { return answer(own->request(), session, file); }, opened);
   };
 }
 

@@ -288,7 +288,11 @@ Reply makeSoon(const std::shared_ptr<Making>& making, bool atOnce) {
 
 }  // namespace
 
-Reply inSession(const Request& request, directory::Directory& directory, const Enter& enter, bool makes) {
+Reply inSession(const Request& request, directory::Directory& directory, const Enter& then, bool makes) {
+  const Enter enter = [then, edit = std::string(request.edit)](std::shared_ptr<session::Session> session) -> Reply {
+    if (!session) return then(nullptr);
+    return onceHas(edit, session, [then, session] { return then(session); });
+  };
   const auto name = queryParameter(request.query(), "session");
   if (!name) return refused(400, metrics::Refusal::kSession, name.error().message);
   const std::string wanted = name->empty() ? std::string(directory::kDefaultName) : *name;

@@ -17,9 +17,9 @@ namespace ridgecast::http {
 // What to do with the session.
 using Enter = std::function<Reply(std::shared_ptr<session::Session>)>;
 
-// Enters the session that the URL names, makes it as the URL says, or refuses. A world that takes long to make is made by work, whose
-// reply is then that of `enter`. `directory` must outlive that work. `makes` false: the same checks, but no session is made, and `enter`
-// gets null instead of a new one.
+// Enters the session that the URL names, makes it as the URL says, or refuses. `enter` is called once the session has the edit that the
+// answer must include (onceHas). A world that takes long to make is made by work, whose reply is then that of `enter`. `directory` must
+// outlive that work. `makes` false: the same checks, but no session is made, and `enter` gets null instead of a new one.
 Reply inSession(const Request& request, directory::Directory& directory, const Enter& enter, bool makes = true);
 
 // With a bus: the session that a path below /v1/sessions/NAME names, if it is not on this server. Otherwise none.

@@ -346,6 +346,8 @@ void CameraSession::work(const conversation::Greet&) {
   tellEdits();
 }
 
+void CameraSession::goAway() { sender_->fail({ErrorCode::kGoingAway, "The session begins again; connect again.", {}}); }
+
 bool CameraSession::copy(session::TakeCopy done) {
   expects(done != nullptr, "a copy goes to somebody");
   const std::lock_guard lock(mutex_);

@@ -45,6 +45,7 @@ class CameraSession final : public session::LiveCamera, public std::enable_share
 
   // A few milliseconds at a time, so that other cameras get their turns; at most kMaxCopies requests wait.
   bool copy(session::TakeCopy done) override;
+  void goAway() override;
   static constexpr std::size_t kMaxCopies = 16;
 
   // A client that resumes waits this long for its checkpoint; a checkpoint waits this long for its client.

@@ -6,6 +6,7 @@
 #include "common/text/text.h"
 #include "common/version/version.h"
 #include "common/wire/wire.h"
+#include "server/logging/logging.h"
 #include "server/memory/memory.h"
 
 namespace ridgecast::net {
@@ -69,6 +70,8 @@ std::optional<Reply> removal(const std::shared_ptr<ServerContext>& server, const
   }
   for (const auto& stream : server->streams.all())
     if (&stream->session() == session.get()) stream->postRemove(camera);
+  logging::info({.session = name, .camera = camera.value_or(0), .event = "removed"},
+                (camera ? "this member was sent away by " : "the session was ended by ") + std::string(request.client));
   if (camera) return http::plain(200, "The member is sent away.");
   return isElsewhere ? http::plain(202, "The session ends on all servers; its members are sent away.")
                      : http::plain(200, "The session has ended; its members are sent away.");

@@ -9,6 +9,7 @@
 #include "common/edits/edited_terrain.h"
 #include "common/edits/packed.h"
 #include "common/outcome/contract.h"
+#include "server/edit_log/entry.h"
 #include "server/logging/logging.h"
 
 namespace ridgecast::session {
@@ -19,13 +20,8 @@ lattice::Area around(const lattice::Area& a, const lattice::Area& b) {
   return {std::min(a.x0, b.x0), std::min(a.z0, b.z0), std::max(a.x1, b.x1), std::max(a.z1, b.z1)};
 }
 
-Edits::Answer refusal(Edits::Answer::Why why, std::string sentence) {
-  Edits::Answer out(Error{std::move(sentence)});
-  out.why = why;
-  return out;
-}
-Edits::Answer early(std::string sentence) { return refusal(Edits::Answer::Why::kEarly, std::move(sentence)); }
-Edits::Answer full(std::string sentence) { return refusal(Edits::Answer::Why::kFull, std::move(sentence)); }
+Edits::Answer early(std::string sentence) { return Edits::refusal(Edits::Answer::Why::kEarly, std::move(sentence)); }
+Edits::Answer full(std::string sentence) { return Edits::refusal(Edits::Answer::Why::kFull, std::move(sentence)); }
 
 // `number`: of the edit that has the key; 0: it waits.
 Edits::Answer ofAnother(std::uint64_t number) {
@@ -33,10 +29,18 @@ Edits::Answer ofAnother(std::uint64_t number) {
                "; give this one a key of its own."};
 }
 
-Edits::Answer over() { return refusal(Edits::Answer::Why::kOver, "The session has ended; join it again, and send the edit there."); }
+Edits::Answer over() { return Edits::refusal(Edits::Answer::Why::kOver, "The session has ended; join it again, and send the edit there."); }
 
 Edits::Answer outOfMemory() {
   return full("The server ran out of memory at this edit, and has not made it; send a smaller one, or send it later.");
+}
+
+bool hasLast(const Edits::Kept& kept) { return kept.store && kept.store->last() > kept.store->compacted(); }
+// None: there is none, or it was compacted, or it cannot be read.
+std::optional<std::uint64_t> identityOfLast(const Edits::Kept& kept) {
+  if (!hasLast(kept)) return {};
+  const auto last = kept.store->read(kept.store->last() - 1, 0);
+  return last ? std::optional(edit_log::identityOf(last->front())) : std::nullopt;
 }
 
 std::string mebibytes(std::uint64_t bytes) { return std::to_string(bytes >> 20) + " MiB"; }
@@ -51,27 +55,54 @@ bool isMadeOf(const Applied& asked, const Applied& made) {
 }  // namespace
 
 Edits::Edits(std::shared_ptr<const terrain::Terrain> terrain, scheduling::Executor& executor, scheduling::Executor& disk,
-             std::shared_ptr<EditSpace> space, std::function<void()> changed, Kept kept, Made made, std::chrono::milliseconds turn)
+             std::shared_ptr<EditSpace> space, std::function<void()> changed, Kept kept, Made made, std::chrono::milliseconds turn,
+             EditOrder::Shared shared)
     : pool_(executor.makePool(1)),
       disk_(disk.makePool(1)),
       space_(std::move(space)),
       changed_(std::move(changed)),
       noted_(std::move(made)),
       turn_(turn),
+      left_(kept.left),
       kept_(std::move(kept)),
       history_(kept_.history ? std::move(*kept_.history) : edits::History(std::move(terrain))),
       compacted_(history_.compacted()),
       bytes_(kept_.store ? kept_.store->bytes() : 0),
+      order_(std::make_shared<EditOrder>(shared, history_.last(), shared.bus->server() != 0 ? identityOfLast(kept_) : std::nullopt)),
+      check_(order_->isShared() ? std::make_shared<GroundCheck>(shared.bus, shared.log, executor) : nullptr),
       ground_{history_.last() == 0 ? history_.terrain() : std::make_shared<edits::EditedTerrain>(history_.terrain(), history_.layer()),
               history_.last()} {
   expects(!kept_.store || kept_.store->last() == ground_.edit, "a session begins with all edits of its store");
   kept_.history.reset();
   space_->kept.take(bytes_, ~std::uint64_t{0});
+  if (!order_->isShared()) return;
+  if (hasLast(kept_) && !identityOfLast(kept_)) {
+    logging::error(kept_.folder + "The last edit cannot be read, so that the session cannot follow other servers; check the log.");
+    stopped_ = kCannotFollow;
+  }
+  auto copy = std::make_unique<EditCopy>(std::move(kept_.store), kept_.makeStore,
+                                         [folder = kept_.folder, said = std::string()](const std::string& what, bool isGood) mutable {
+                                           if (std::exchange(said, what) == what) return;
+                                           isGood ? logging::info(folder + what) : logging::error(folder + what);
+                                         });
+  copy_ = copy.get();
+  kept_.store = std::move(copy);
 }
 
 Edits::~Edits() {
   space_->kept.give(bytes_);
   for (const auto& w : waiting_) space_->waiting.give(w->asked.bytes());
+}
+
+Edits::Answer Edits::refusal(Answer::Why why, std::string sentence) {
+  Answer out(Error{std::move(sentence)});
+  out.why = why;
+  return out;
+}
+
+Edits::Answer Edits::away() {
+  return refusal(Answer::Why::kEarly,
+                 "The other servers of this session cannot be reached, so the edit was not made; send it again in a moment, with its key.");
 }
 
 Ground Edits::ground() const {
@@ -112,7 +143,7 @@ void Edits::ask(Edit edit, Done done, Pay pay) {
       const auto& waits = waiting_.emplace_back(std::make_shared<Waiting>(std::move(asked), std::move(pay)));
       waits->done.push_back(std::exchange(done, nullptr));
       if (!waits->asked.key.empty()) open_[waits->asked.key] = waits;
-      if (std::exchange(state_, State::kBusy) == State::kRests) disk_->post([self = shared_from_this()] { self->lookUp(); });
+      if (std::exchange(state_, State::kBusy) == State::kRests) proceed();
     }
   }
   if (answer) done(*answer, 0);
@@ -125,6 +156,8 @@ std::optional<Edits::Answer> Edits::atOnce(const Applied& asked, bool pays, Done
     open->second->done.push_back(std::exchange(done, nullptr));
     return {};
   }
+  if (!stopped_.empty()) return full(stopped_);
+  if (order_->isAway()) return away();
   std::uint64_t own = 0, ownBytes = asked.bytes(), allBytes = asked.bytes();
   for (const auto& w : waiting_) {
     allBytes += w->asked.bytes();
@@ -150,6 +183,7 @@ bool Edits::isOver() const {
 }
 
 void Edits::end() {
+  order_->end();
   {
     const std::lock_guard lock(mutex_);
     if (std::exchange(state_, State::kOver) != State::kRests) return;  // a group's last step goes on
@@ -187,10 +221,10 @@ std::optional<Edits::Answer> Edits::known(const Applied& asked) {
 std::optional<Edits::Answer> Edits::keptWith(const std::string& key, const Applied& asked) {
   expects(!key.empty(), "an edit without a key is not known again");
   const auto number = kept_.store->numberOf(key);
-  if (!number) return Answer(told(number.error()));
+  if (!number) return full(told(number.error()).message);
   if (!*number) return {};
   const auto made = kept_.store->read(**number - 1, 0);
-  if (!made) return Answer(told(made.error()));
+  if (!made) return full(told(made.error()).message);
   return !made->empty() && isMadeOf(asked, made->front()) ? Answer(**number) : ofAnother(**number);
 }
 
@@ -198,6 +232,11 @@ void Edits::make() {
   expects(batch_.done <= group_.size(), "a batch is of its group");
   if (isOver()) {
     batch_.making.reset();
+    return goOn();
+  }
+  if (order_->isBehind()) {
+    order_->lose();
+    makeAgain();
     return goOn();
   }
   if (batch_.made.empty() && !batch_.making) batch_.before = history_.layer();
@@ -219,10 +258,31 @@ void Edits::make() {
   try {
     if (!batch_.made.empty()) batch_.next = {std::make_shared<edits::EditedTerrain>(history_.terrain(), history_.layer()), history_.last()};
   } catch (const std::bad_alloc&) {
-    takeBack(outOfMemory());
+    refuseMade(outOfMemory());
   }
-  if (batch_.made.empty()) return publish();
-  disk_->post([self = shared_from_this()] { self->keep(); });
+  if (!batch_.made.empty()) return append();
+  confirm();
+}
+
+// The first edit of all begins this server's copy: where there may be none, it is refused before it is made everywhere.
+void Edits::append() {
+  const auto go = [self = shared_from_this()] {
+    self->order_->append(self->batch_.made, [self](EditOrder::Decided decided) { self->appended(std::move(decided)); });
+  };
+  if (!order_->isShared() || batch_.made.front().number > 1) return go();
+  disk_->post([self = shared_from_this(), go] {
+    if (auto ready = self->copy_->prepare(edits::clientOf(self->batch_.made.front().author)); !ready)
+      return self->appended({EditOrder::Decided::Kind::kFull, 0, self->told(ready.error()).message});
+    go();
+  });
+}
+
+void Edits::appended(EditOrder::Decided decided) {
+  if (decided.kind == EditOrder::Decided::Kind::kDone) {
+    disk_->post([self = shared_from_this()] { self->keep(); });
+    return;
+  }
+  pool_->post([self = shared_from_this(), decided = std::move(decided)] { self->notAppended(decided); });
 }
 
 bool Edits::step(Waiting& waiting) {
@@ -238,7 +298,7 @@ bool Edits::step(Waiting& waiting) {
   return waiting.answer.has_value();
 }
 
-std::optional<Edits::Answer> Edits::begin(const Waiting& waiting) {
+std::optional<Edits::Answer> Edits::begin(Waiting& waiting) {
   expects(!batch_.making, "one edit is made at a time");
   const EditSpace::Limits& limits = space_->limits;
   const std::uint64_t bytes = waiting.asked.bytes();
@@ -249,8 +309,9 @@ std::optional<Edits::Answer> Edits::begin(const Waiting& waiting) {
   if (space_->kept.used() + bytes > limits.server)
     return full("The edits of this server's sessions have " + mebibytes(limits.server) +
                 ", which is the most; send it again when a session has ended.");
-  if (waiting.pay)
+  if (waiting.pay && !waiting.isPaid)
     if (auto paid = waiting.pay(operation, bytes); !paid) return early(paid.error().message);
+  waiting.isPaid = true;
   batch_.made.reserve(batch_.made.size() + 1);
   batch_.changed.reserve(batch_.made.size() + 1);
   const std::uint64_t most = waiting.pay ? edits::kMaxUndoPosts : ~std::uint64_t{0};
@@ -269,23 +330,28 @@ Edits::Answer Edits::finish(Waiting& waiting) {
   expects(batch_.made.empty() || applied.number == batch_.made.back().number + 1, "edits of a group follow one another");
   applied.operation = history_.packed(applied.number);
   applied.ground = edits::groundOf(*changed);
+  if (check_ && applied.number % GroundCheck::kEvery == 0) batch_.checked.emplace_back(batch_.made.size(), history_.layer());
   batch_.changed.push_back(*changed);  // the last that may run out of memory
-  bytes_ += applied.bytes();
-  space_->kept.take(applied.bytes(), ~std::uint64_t{0});
+  count(applied);
   batch_.made.push_back(std::move(applied));
   return history_.last();
 }
 
+void Edits::count(const Applied& made) {
+  bytes_ += made.bytes();
+  space_->kept.take(made.bytes(), ~std::uint64_t{0});
+}
+
 void Edits::keep() {
   try {
-    batch_.isKept = append();
+    batch_.isKept = store();
   } catch (const std::bad_alloc&) {
     batch_.isKept = outOfMemory().error();
   }
   pool_->post([self = shared_from_this()] { self->publish(); });
 }
 
-Outcome<void> Edits::append() {
+Outcome<void> Edits::store() {
   expects(!batch_.made.empty() && batch_.before && batch_.changed.size() == batch_.made.size(),
           "what is written was made, on known ground");
   if (!kept_.store) {
@@ -304,7 +370,14 @@ Error Edits::told(Error e) {
   return e;
 }
 
-void Edits::takeBack(const Answer& why) {
+void Edits::refuseMade(const Answer& why) {
+  const std::uint64_t before = batch_.made.front().number - 1;
+  takeBack();
+  for (std::size_t k = 0; k < batch_.done; ++k)
+    if (auto& answer = group_[k]->answer; *answer && **answer > before) answer = why;
+}
+
+void Edits::takeBack() {
   expects(!batch_.made.empty() && batch_.before, "what is taken back was made");
   const std::uint64_t before = batch_.made.front().number - 1;
   for (const Applied& m : batch_.made) {
@@ -313,14 +386,14 @@ void Edits::takeBack(const Answer& why) {
     bytes_ -= m.bytes();
   }
   while (history_.last() > before) history_.takeBack(batch_.before);
-  for (std::size_t k = 0; k < batch_.done; ++k)
-    if (auto& answer = group_[k]->answer; *answer && **answer > before) answer = why;
   batch_.made.clear();
+  batch_.checked.clear();
 }
 
 void Edits::publish() {
   expects(batch_.done <= group_.size(), "what is done is of the group");
-  if (!batch_.made.empty() && !batch_.isKept) takeBack(full(batch_.isKept.error().message));
+  // With other servers the edits are made, whatever becomes of this one's copy.
+  if (!batch_.made.empty() && !batch_.isKept && !order_->isShared()) refuseMade(full(batch_.isKept.error().message));
   if (noted_) std::ranges::for_each(batch_.made, noted_);
   {
     const std::lock_guard lock(mutex_);
@@ -342,7 +415,11 @@ void Edits::publish() {
     for (const Done& done : w.done) done(*w.answer, std::exchange(w.posts, 0));
   }
   group_.erase(group_.begin(), group_.begin() + static_cast<std::ptrdiff_t>(batch_.done));
+  if (!batch_.made.empty()) order_->applied(batch_.made.back());
+  for (auto& [k, layer] : batch_.checked) check_->add(batch_.made[k].number, edit_log::identityOf(batch_.made[k]), std::move(layer));
+  const Outcome<void> isKept = std::move(batch_.isKept);
   batch_ = {};
+  if (!isKept && order_->isShared()) return leave(isKept.error().message, false);
   goOn();
 }
 
@@ -355,21 +432,35 @@ void Edits::goOn() {
       for (const auto& w : refused) space_->waiting.give(w->asked.bytes());
       group_.clear();
       open_.clear();
-      disk_->post([self = shared_from_this()] {
+      disk_->post([self = shared_from_this(), setsAside = setsAside_] {
+        self->copy_ = nullptr;
         self->kept_.store.reset();
         self->kept_.makeStore = nullptr;
+        if (setsAside) self->kept_.setAside();
         self->kept_.held.reset();
       });
-    } else if (!group_.empty()) {
-      pool_->post([self = shared_from_this()] { self->make(); });
-    } else if (!waiting_.empty()) {
-      disk_->post([self = shared_from_this()] { self->lookUp(); });
     } else {
-      state_ = State::kRests;
+      proceed();
     }
   }
   for (const auto& w : refused)
     for (const Done& done : w->done) done(over(), 0);
+}
+
+void Edits::proceed() {
+  expects(state_ == State::kBusy, "what goes on was begun");
+  if (!differs_.empty()) {
+    pool_->post([self = shared_from_this(), why = differs_] { self->leave(why, true); });
+  } else if (order_->isBehind()) {
+    pool_->post([self = shared_from_this()] { self->follow(); });
+  } else if (order_->isHeldBack() || waiting_.empty()) {
+    state_ = State::kRests;
+    if (waiting_.empty()) order_->rest();
+  } else if (!group_.empty()) {
+    pool_->post([self = shared_from_this()] { self->make(); });
+  } else {
+    disk_->post([self = shared_from_this()] { self->lookUp(); });
+  }
 }
 
 // ---- reading ----

@@ -35,6 +35,8 @@ class LiveCamera {
   // Copies the mesh between two iterations. Hands the copy over on a thread of the camera's pool; nullptr if the camera closes before
   // that. False: there was no iteration yet, or too many requests wait.
   virtual bool copy(TakeCopy done) = 0;
+  // The session goes on elsewhere, or begins again here: the client must connect again.
+  virtual void goAway() = 0;
 };
 
 class LiveCameras {

@@ -1,8 +1,11 @@
 #include "server/session/session.h"
 
 #include <algorithm>
+#include <iterator>
 #include <random>
+#include <variant>
 
+#include "common/edits/author.h"
 #include "common/edits/packed.h"
 #include "common/outcome/contract.h"
 #include "common/wire/wire.h"
@@ -50,6 +53,29 @@ std::shared_ptr<recording::Observer> beginRecording(const Resources& resources, 
   return resources.record(std::move(world), std::move(past), resources.timer->now());
 }
 
+// A recording's edits are its own.
+EditOrder::Shared orderOf(const std::shared_ptr<const Resources>& resources, const std::string& name) {
+  if (!resources->limits.takesEdits) return {};
+  return {resources->bus, name, std::shared_ptr<const Timer>(resources, resources->timer.get())};
+}
+
+const char* nameOf(const edits::Operation& operation) {
+  constexpr const char* kNames[] = {"raise", "crater", "level", "smooth", "road", "stamp", "undo"};
+  static_assert(std::size(kNames) == std::variant_size_v<decltype(operation.what)>);
+  return kNames[operation.what.index()];
+}
+
+// Who changed the ground. The log bounds these lines; the edits themselves say it of each.
+void audit(const std::string& session, const std::string& text, const std::string& what, std::uint64_t number) {
+  constexpr std::string_view kToken = "token of ", kAddress = "address ";
+  const edits::Author author = edits::authorOf(text);
+  logging::About about{.session = session, .event = "edited", .reason = "made"};
+  if (author.client.starts_with(kToken)) about.holder = std::string_view(author.client).substr(kToken.size());
+  if (author.client.starts_with(kAddress)) about.peer = std::string_view(author.client).substr(kAddress.size());
+  logging::info(about, "edit " + std::to_string(number) + " (" + what + ") was made by " + author.client +
+                           (author.name.empty() ? "" : ", which calls itself '" + author.name + "'"));
+}
+
 }  // namespace
 
 Session::Session(std::string name, std::shared_ptr<const terrain::Terrain> terrain, WorldSpec spec,
@@ -73,8 +99,10 @@ Session::Session(std::string name, std::shared_ptr<const terrain::Terrain> terra
           [observer = observer_, resources = resources_](const Applied& made) {
             if (observer) observer->note(resources->timer->now(), recording::Edited{made.number, made.author, made.operation});
           },
-          resources_->limits.turn)),
-      editPages_(std::make_shared<EditPages>(edits_, *resources_->executor)) {}
+          resources_->limits.turn, orderOf(resources_, name_))),
+      editPages_(std::make_shared<EditPages>(edits_, *resources_->executor)) {
+  edits_->begin();
+}
 
 std::uint64_t Session::hashOf(const Ground& ground) const {
   return ground.edit == 0 ? contentHash_ : lattice::mix(contentHash_ + ground.edit) ^ nonce_;
@@ -84,11 +112,16 @@ void Session::edit(Edit edit, const std::shared_ptr<Budgets>& budgets, std::func
   expects(done != nullptr, "an edit is answered");
   use();
   const auto spent = std::make_shared<std::uint64_t>(0);
-  auto ask = [edits = edits_, resources = resources_, budgets, spent, done, edit = std::make_shared<Edit>(std::move(edit))] {
+  const auto* const undo = std::get_if<edits::Undo>(&edit.operation.what);
+  std::string what = nameOf(edit.operation) + (undo ? " of " + std::to_string(undo->edit) : std::string());
+  std::string author = edit.author;
+  auto ask = [edits = edits_, resources = resources_, budgets, spent, name = name_, author = std::move(author), what = std::move(what),
+              done, edit = std::make_shared<Edit>(std::move(edit))] {
     edits->ask(
         std::move(*edit),
-        [resources, budgets, spent, done](const Edits::Answer& number, std::uint64_t posts) {
+        [resources, budgets, spent, name, author, what, done](const Edits::Answer& number, std::uint64_t posts) {
           budgets->spendRest(*spent, posts, resources->timer->now());
+          if (number && posts > 0) audit(name, author, what, *number);
           done(number);
         },
         [resources, budgets, spent](const edits::Operation& operation, std::size_t bytes) -> Outcome<void> {

@@ -38,6 +38,7 @@ edits::Operation noisyStamp(std::uint32_t side, std::uint32_t seed = 1) {
 struct Disk {
   std::vector<std::vector<Applied>> writes;
   std::function<Outcome<void>()> write = [] { return Outcome<void>(); };
+  bool cannotRead = false;
 };
 class MemoryStore final : public edit_store::Store {
  public:
@@ -58,6 +59,7 @@ class MemoryStore final : public edit_store::Store {
     return out;
   }
   Outcome<std::optional<std::uint64_t>> numberOf(const std::string& key) override {
+    if (disk_->cannotRead) return Error{"The disk cannot be read."};
     for (const Applied& e : all_)
       if (e.key == key) return std::optional(e.number);
     return std::optional<std::uint64_t>();
@@ -142,6 +144,18 @@ TEST(EditWrites, AFailedOneTakesAllOfItBack) {
   const auto next = steps.ask(craterAt(0), "b0");
   steps.work();
   EXPECT_EQ((*next)->value(), 2u) << "without a gap";
+}
+
+TEST(EditWrites, ADiskThatCannotBeReadIsNotTheClientsFault) {
+  Steps steps;
+  const auto kept = steps.ask(craterAt(0), "a");
+  steps.work();
+  steps.disk->cannotRead = true;
+  const auto refused = steps.ask(craterAt(9), "b");
+  steps.work();
+  ASSERT_FALSE(**refused);
+  EXPECT_EQ((*refused)->why, Edits::Answer::Why::kFull);
+  EXPECT_EQ(steps.edits->ground().edit, 1u);
 }
 
 // Runs out of memory when its heights are wanted, as level ground does.
