@@ -18,7 +18,7 @@ namespace ridgecast::wire {
 
 inline constexpr std::uint32_t kProtocolVersion = 1;
 // Of that version. 1: members, clock, queries and grounds are known; 2: changes of settings; 3: passing over; 4: edits; 5: their posts; 6:
-// a clock that is set to a time.
+// a clock that is set to a time; 7: a resume by its hash, near members, crowds, and members that only place themselves.
 inline constexpr std::uint32_t kRevision = 7;
 
 using lattice::Candidate;
@@ -42,12 +42,16 @@ struct Hello {
   bool errors = false;   // wants the error of every leaf
   bool edits = false;    // wants Edited
   std::uint64_t editsAfter = 0;
+  std::uint32_t near = 0;   // wants at most this many members told often, and far ones as counts; 0: wants each, with its state
+  bool states = false;      // with near: wants the others' states
+  bool placesOnly = false;  // wants no iterations: its poses only say where it is
 };
 
 struct PoseMessage {
   std::uint64_t sequence = 0;
   camera::Camera camera;
   std::vector<std::uint8_t> state{};  // what the member tells the others of itself; at most kMaxStateBytes
+  friend bool operator==(const PoseMessage&, const PoseMessage&) = default;
 };
 
 struct Acknowledge {
@@ -215,6 +219,7 @@ struct Moved {
   std::uint64_t camera = 0;
   PoseMessage pose;
   std::uint64_t time = 0;  // session time when the server received it, microseconds
+  friend bool operator==(const Moved&, const Moved&) = default;
 };
 
 struct Member {
@@ -222,13 +227,26 @@ struct Member {
   Role role = Role::kViewer;
   std::string name;
   std::optional<Moved> moved;  // nothing until it has sent a pose; its `camera` is the member's
+  bool clock = false;          // follows the clock
+  friend bool operator==(const Member&, const Member&) = default;
 };
 
-// How the other members changed: joined, then moved, then left.
+// How many members are where, all of the session that have a place.
+struct Crowd {
+  std::uint32_t level = 0;              // a cell's side: 256 m x 2^level
+  std::vector<std::int64_t> i{}, j{};   // the cell's least x and z in sides
+  std::vector<std::uint32_t> count{};   // of that cell; as many as i and j
+  friend bool operator==(const Crowd&, const Crowd&) = default;
+};
+
+// How the other members changed: joined, then moved, then left or faded.
 struct Members {
-  std::vector<Member> joined;
-  std::vector<Moved> moved;
-  std::vector<std::uint64_t> left;
+  std::vector<Member> joined{};
+  std::vector<Moved> moved{};
+  std::vector<std::uint64_t> left{};
+  std::uint32_t others = 0;             // with Hello::near: in the session now, named here or not
+  std::vector<std::uint64_t> faded{};   // still there, but not named any longer
+  std::optional<Crowd> crowd{};         // replaces the last one
 };
 
 struct Clock {

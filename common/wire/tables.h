@@ -136,7 +136,7 @@ TABLE(Hello, Hello,
     FIELD(10, points, points),
     FIELD(6, role, role, OneOfOrFirst{kRoleNames}),
     FIELD(7, members, members), FIELD(8, clock, clock), FIELD(9, errors, errors), FIELD(11, edits, edits),
-    FIELD(12, edits_after, editsAfter));
+    FIELD(12, edits_after, editsAfter), FIELD(13, near, near), FIELD(14, states, states), FIELD(15, places_only, placesOnly));
 
 TABLE(Acknowledge, Acknowledge, FIELD(1, iteration, iteration), FIELD(fixed64(2), mesh_hash, meshHash));
 
@@ -331,12 +331,24 @@ TABLE(Member, Member,
     FIELD(2, role, role, OneOfOrFirst{kRoleNames}),
     FIELD(3, name, name, kName),
     FIELD_OF(MovedOfMemberTable, 4, moved, moved),
+    FIELD(5, clock, clock),
     Then([](Member& m) { if (m.moved) m.moved->camera = m.camera; }));
 
+inline constexpr std::int64_t kMaxCell = lattice::kMaxPosition >> kCellBits;
+inline constexpr auto kCell = within(kMaxCell, "");
+TABLE(Crowd, Crowd,
+    FIELD(1, level, level, atMost(kMaxCrowdLevel, "")),
+    FIELD(2, i, i, Entries{kMaxCells, kCell}),
+    FIELD(3, j, j, Entries{kMaxCells, kCell}),
+    FIELD(4, count, count, Entries{kMaxCells}),
+    also("count", "as many as i and j", [](const Crowd& m) { return m.i.size() == m.j.size() && m.i.size() == m.count.size(); }));
 TABLE(Members, Members,
     FIELD(1, joined, joined, Entries{kMaxMembers}),
     FIELD(2, moved, moved, Entries{kMaxMembers}),
-    FIELD(3, left, left, Entries{kMaxMembers}));
+    FIELD(3, left, left, Entries{kMaxMembers}),
+    FIELD(4, others, others),
+    FIELD(5, faded, faded, Entries{kMaxMembers}),
+    FIELD(6, crowd, crowd));
 
 TABLE(Clock, Clock,
     FIELD(1, mode, mode, OneOf{kClockModeNames}),

@@ -69,6 +69,16 @@ std::string refusalOf(const AskGround& ask) { return refusalBy(ask); }
 std::string encode(const ClientMessage& message) { return encoded(message); }
 std::string encode(const ServerMessage& message) { return encoded(message); }
 
+std::string encodePart(const Members& part) { return encoded(part); }
+std::string encodeMembers(std::string_view parts) {
+  constexpr std::uint32_t kMembers = 4;  // of ServerMessage
+  std::string out;
+  out.reserve(parts.size() + 11);
+  putTag(out, kMembers, WireType::kDelimited);
+  putVarint(out, parts.size());
+  return out.append(parts);
+}
+
 Outcome<ClientMessage> decodeClient(std::span<const std::uint8_t> bytes) { return decoded<ClientMessage>(bytes, kMaxClientMessageBytes); }
 Outcome<ServerMessage> decodeServer(std::span<const std::uint8_t> bytes) { return decoded<ServerMessage>(bytes, kMaxServerMessageBytes); }
 

@@ -36,6 +36,9 @@ inline constexpr std::uint32_t kMaxWindow = 64;
 inline constexpr double kMaxThreshold = 1e12;
 inline constexpr double kMaxHorizon = 1e7;                                    // metres
 inline constexpr std::size_t kMaxMembers = 65'536;                            // of each list of a Members, and of Clock.waits_for
+inline constexpr int kCellBits = 16;                                          // a crowd's least cells have sides of 2^16 steps, 256 m
+inline constexpr std::size_t kMaxCells = 4096;                                // of a Crowd
+inline constexpr std::uint32_t kMaxCrowdLevel = 40;
 inline constexpr std::size_t kMaxSmallMessageBytes = std::size_t{16} << 20;   // of Members, Clock and Answer
 inline constexpr std::size_t kMaxCandidatesBytes = kMaxCandidates * 19 + 64;  // three varints of at most 5 bytes and a float each
 inline constexpr std::int64_t kMaxCandidateReach = std::int64_t{1} << 27;     // steps from Candidates.x, .z
@@ -63,6 +66,11 @@ bool sessionNameIsValid(std::string_view name);
 // Encoding does not check values (the peer refuses those out of range); only an error's text and URL are cut to kMaxErrorBytes.
 std::string encode(const ClientMessage& message);
 std::string encode(const ServerMessage& message);
+
+// The bytes of a Members alone. Those of several, one after the other, are a Members that has the entries of all, so that bytes made once
+// are sent to many.
+std::string encodePart(const Members& part);
+std::string encodeMembers(std::string_view parts);  // the ServerMessage
 
 // The field that is out of range, in the sentence of decodeClient; empty: none.
 std::string refusalOf(const Ray& ray);

@@ -48,6 +48,12 @@ std::size_t payloadBytes(const Leaves& leaves, std::size_t overhead) {
   return bytes;
 }
 
+// Of a member that has none.
+wire::Settings leastMesh(wire::Settings settings) {
+  settings.triangleBudget = settings::kMinBudget;
+  return settings;
+}
+
 }  // namespace
 
 Conversation::Conversation(Terms terms) : terms_(std::move(terms)), replica_(terms_.window) {
@@ -82,7 +88,7 @@ Conversation::Refusal Conversation::take(const wire::Hello& hello) {
                                                  " and the client version " + std::to_string(hello.protocolVersion) +
                                                  ": both must be the same."};
   if (stage_ != Stage::kExpectsHello) return ErrorMessage{ErrorCode::kMalformed, "A second hello came; a connection has exactly one."};
-  granted_ = terms_.grant(hello.settings);
+  granted_ = terms_.grant(hello.placesOnly ? leastMesh(hello.settings) : hello.settings);
   byteRate_.setRate(granted_.bytesPerSecond);
   replica_.setFollowsPoints(hello.points);
   hello_ = hello;
@@ -172,7 +178,7 @@ Conversation::Refusal Conversation::take(const wire::ChangeSettings& change) {
   if (changes_.size() >= kMaxQueuedPoses)
     return ErrorMessage{ErrorCode::kLimit, "More than " + std::to_string(kMaxQueuedPoses) +
                                                " changes of settings wait for their poses: change them when iterations have arrived."};
-  changes_.push_back({lastSequence_, terms_.grant(change.settings)});
+  if (!hello_.placesOnly) changes_.push_back({lastSequence_, terms_.grant(change.settings)});
   return {};
 }
 
@@ -194,7 +200,7 @@ bool Conversation::hasWork(std::size_t queuedBytes) const {
 }
 
 bool Conversation::hasIteration() const {
-  if (!replica_.hasRoom() || awaitsCheckpoint_ || leaves_) return false;
+  if (hello_.placesOnly || !replica_.hasRoom() || awaitsCheckpoint_ || leaves_) return false;
   if (lockstep()) return !poses_.empty();
   return !poses_.empty() || (pose_.sequence != 0 && (!atRest_ || !changes_.empty() || replica_.owes()));
 }

@@ -135,7 +135,7 @@ class Conversation {
   Refusal take(const wire::ChangeSettings& change);
   Refusal take(const auto&) { return {}; }
   Refusal outOfPlace(const wire::ClientMessage& message) const;
-  bool lockstep() const { return hello_.pacing == wire::Pacing::kLockstep; }
+  bool lockstep() const { return hello_.pacing == wire::Pacing::kLockstep && !hello_.placesOnly; }
   bool hasWork(std::size_t queuedBytes) const;
   bool hasIteration() const;
   bool hasEdits() const { return !finds_.empty() || !squares_.empty(); }

@@ -155,10 +155,12 @@ CameraSession::Refusal CameraSession::attend(wire::Query& query) {
 
 CameraSession::Refusal CameraSession::attend(const wire::AskGround& ask) {
   if (session_->observer()) noteQuestion(*session_, id_, 1, ask);
+  const std::uint32_t most =
+      conversation_.hello().placesOnly ? session_->resources().limits.mesh.defaultBudget : conversation_.granted().triangleBudget;
   if (!grounds_)
-    grounds_ = std::make_shared<questions::Grounds>([session = session_] { return session->ground(); },
-                                                    conversation_.granted().triangleBudget, session_->resources().queryQueues().grounds,
-                                                    sender_, questions::Grounds::kTimeout, session_->resources().limits.turn);
+    grounds_ = std::make_shared<questions::Grounds>([session = session_] { return session->ground(); }, most,
+                                                    session_->resources().queryQueues().grounds, sender_, questions::Grounds::kTimeout,
+                                                    session_->resources().limits.turn);
   if (grounds_->ask(ask)) return {};
   return ErrorMessage{ErrorCode::kLimit,
                       "More than " + std::to_string(wire::kMaxGrounds) + " grounds are open; request the next when one has arrived."};
@@ -330,9 +332,11 @@ void CameraSession::work(const conversation::Greet&) {
   const wire::Hello& hello = conversation_.hello();
   const wire::Settings& granted = conversation_.granted();
   const bool shades = !session_->resources().limits.sendsTerrain && terrain->colours();
-  task_.mesh = session_->resources().makeMesh(terrain, granted, pool_);
-  task_.encoder = std::make_unique<encoding::Encoder>(terrain, pool_, encoding::Form{hello.points, hello.errors, shades});
-  session_->note(recording::Joined{id_, hello.clientName, hello.role, hello.pacing, granted, task_.ground.edit});
+  if (!hello.placesOnly) {
+    task_.mesh = session_->resources().makeMesh(terrain, granted, pool_);
+    task_.encoder = std::make_unique<encoding::Encoder>(terrain, pool_, encoding::Form{hello.points, hello.errors, shades});
+    session_->note(recording::Joined{id_, hello.clientName, hello.role, hello.pacing, granted, task_.ground.edit});
+  }
   // Under the lock: once it has received the world, a client may send anything.
   const std::lock_guard lock(mutex_);
   chooseKey();

@@ -27,7 +27,7 @@
 
 namespace ridgecast::session {
 
-inline constexpr std::uint32_t kMaxMembers = 32'768;       // of a session: they fit into one wire::Members
+inline constexpr std::uint32_t kMaxMembers = 32'768;       // of a session
 inline constexpr std::uint64_t kMinBytesPerSecond = 4096;  // that a member is granted
 inline constexpr std::uint64_t kBytesPerTriangle = 160;    // of a camera's mesh, replica and bases
 

@@ -102,6 +102,7 @@ Session::Session(std::string name, std::shared_ptr<const terrain::Terrain> terra
           resources_->limits.turn, orderOf(resources_, name_))),
       editPages_(std::make_shared<EditPages>(edits_, *resources_->executor)) {
   edits_->begin();
+  if (resources_->bus->server() != 0) presence_->share(resources_->bus, "members/" + name_);
 }
 
 std::uint64_t Session::hashOf(const Ground& ground) const {

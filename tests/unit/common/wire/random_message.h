@@ -147,6 +147,10 @@ class RandomMessage {
       map->set_highest(std::max(map->lowest(), map->highest()));
     } else if (auto* made = dynamic_cast<pb::Edited*>(&message)) {
       for (int k = 0; k < made->edits_size(); ++k) made->mutable_edits(k)->set_number(std::uint64_t{5} + static_cast<std::uint64_t>(k));
+    } else if (auto* crowd = dynamic_cast<pb::Crowd*>(&message)) {
+      *crowd->mutable_j() = crowd->i();
+      crowd->clear_count();
+      for (int k = 0; k < crowd->i_size(); ++k) crowd->add_count(static_cast<std::uint32_t>(integer()));
     } else if (auto* points = dynamic_cast<pb::Candidates*>(&message)) {
       points->clear_points();
       for (int k = 0; k < 3 * points->errors_size(); ++k) points->add_points(static_cast<std::int32_t>(integer()));

@@ -17,9 +17,10 @@ namespace {
 using google::protobuf::TextFormat;
 using testing_support::bytesOf;
 
-const std::string kHello = R"(hello { protocol_version: 1 client_name: "a simulator" settings { metric: METRIC_THESIS threshold: 0.25 )"
-                           R"(triangle_budget: 123456 bytes_per_second: 64000 candidates: 5 colour_error: 0.125 } pacing: PACING_LOCKSTEP )"
-                           R"(role: ROLE_SENSOR members: true errors: true points: true edits_after: 8 })";
+const std::string kHello =
+    R"(hello { protocol_version: 1 client_name: "a simulator" settings { metric: METRIC_THESIS threshold: 0.25 )"
+    R"(triangle_budget: 123456 bytes_per_second: 64000 candidates: 5 colour_error: 0.125 } pacing: PACING_LOCKSTEP )"
+    R"(role: ROLE_SENSOR members: true errors: true points: true edits_after: 8 near: 24 states: true places_only: true })";
 const std::string kPose =
     R"(pose { sequence: 9 x: -1125899906842624 z: 1125899906842624 y: -12.75 yaw: 100.5 pitch: -1.5 vertical_fov: 0.5 width: 32768 )"
     R"(height: 1 state: "\000\377\n" })";
@@ -59,6 +60,8 @@ TEST(Wire, ValuesOfAClientAreTheSchemasFields) {
   Hello hello{1, "a simulator", {Metric::kThesis, 0.25, 123'456, 64'000, 5, 0.125}, Pacing::kLockstep, true, Role::kSensor};
   hello.members = hello.errors = true;
   hello.editsAfter = 8;
+  hello.near = 24;
+  hello.states = hello.placesOnly = true;
   expectText(hello, kHello);
   hello = {};
   hello.clock = hello.edits = true;
@@ -129,6 +132,10 @@ TEST(Wire, ValuesOfAServerAreTheSchemasFields) {
              R"(1125899906842624 y: -12.75 yaw: 100.5 pitch: -1.5 vertical_fov: 0.5 width: 32768 height: 1 state: "\001" } time: 5 } )"
              R"(} joined { camera: 8 } moved { camera: 7 pose { sequence: 9 x: -1125899906842624 z: 1125899906842624 y: -12.75 yaw: )"
              R"(100.5 pitch: -1.5 vertical_fov: 0.5 width: 32768 height: 1 state: "\001" } time: 5 } left: 1 left: 2 })");
+  Members crowded{{{7, Role::kViewer, "", {}, true}}, {}, {}, 2000, {5, 6}, Crowd{3, {-1, 17'179'869'184}, {0, 2}, {300, 4}}};
+  expectText(crowded,
+             "members { joined { camera: 7 clock: true } others: 2000 faded: 5 faded: 6 crowd { level: 3 i: -1 i: 17179869184 "
+             "j: 0 j: 2 count: 300 count: 4 } }");
   expectText(Clock{ClockMode::kScaled, 2.5, 10, 3, 4, {5, 6}, 7, "Passed over.", 11},
              R"(clock { mode: CLOCK_SCALED rate: 2.5 time: 10 owner: 3 step: 4 waits_for: 5 waits_for: 6 echo: 7 notice: "Passed )"
              R"(over." end: 11 })");
@@ -316,6 +323,10 @@ TEST(WireRefuses, WhatAServerSaysOutOfRange) {
       {"Candidates.errors", few, candidates(many)},
       {"Moved.pose", "members { }", "members { moved { } }"},
       {"Member.name", "members { }", R"(members { joined { name: "a\nb" } })"},
+      {"Crowd.level", "members { }", "members { crowd { level: 41 } }"},
+      {"Crowd.i", "members { }", "members { crowd { i: 17179869185 j: 0 count: 1 } }"},
+      {"Crowd.j", "members { }", "members { crowd { i: 0 j: -17179869186 count: 1 } }"},
+      {"Crowd.count", "members { }", "members { crowd { i: 0 j: 0 } }"},
       {"Clock.time", clock, "clock { time: " + std::to_string(kMaxTime + 1) + " }"},
       {"Square.rises", "squares { }", "squares { squares { address { } rises: " + quoted(terrain::kMaxTileBytes + 1) + " } }"},
       {"HeightTile.samples", "height_tiles { }",
@@ -403,6 +414,17 @@ TEST(WireRefuses, TooManyEntriesBeforeTheyAreBuilt) {
         List{"FoundEdits.changed", "\x52", "\x12", kMaxFoundAreas}, List{"FoundEdits.squares", "\x52", "\x1a", kMaxFoundSquares},
         List{"Squares.squares", "\x5a", "\x12", kMaxSquares}, List{"HeightTiles.tiles", far, "\x0a", kMaxTiles}})
     expectCounted(l, decodeServer);
+}
+
+TEST(Wire, PartsOfMembersOneAfterTheOtherAreOne) {
+  const Moved moved{7, {9, somePose().camera, {1}}, 5};
+  const Members a{{{7, Role::kSensor, "lidar", moved}}, {}, {1}, 3}, b{{{8, Role::kViewer, "", {}}}, {moved, moved}, {2}, 5, {4}, Crowd{}};
+  const auto both = decodeServer(bytesOf(encodeMembers(encodePart(a) + encodePart(b))));
+  ASSERT_TRUE(both) << both.error().message;
+  const Members all{{a.joined[0], b.joined[0]}, {moved, moved}, {1, 2}, 5, {4}, Crowd{}};
+  EXPECT_EQ(encode(*both), encode(ServerMessage(all)));
+  EXPECT_EQ(encodeMembers(encodePart(all)), encode(ServerMessage(all)));
+  EXPECT_TRUE(std::holds_alternative<Members>(*decodeServer(bytesOf(encodeMembers("")))));
 }
 
 TEST(WireRefuses, EmptyAndForeign) {

@@ -7,6 +7,7 @@
 #include <thread>
 
 #include "common/wire/wire.h"
+#include "tests/support/bytes.h"
 #include "tests/support/waiting.h"
 
 namespace ridgecast::session {
@@ -36,7 +37,11 @@ class Listener : public Sender {
     }
     changed_.notify_all();
   }
-  void sendShared(std::shared_ptr<const std::string>, std::shared_ptr<const void>) override {}
+  void sendShared(std::shared_ptr<const std::string> encoded, std::shared_ptr<const void> ticket) override {
+    auto decoded = wire::decodeServer(testing_support::bytesOf(*encoded));
+    ASSERT_TRUE(decoded) << decoded.error().message;
+    send(std::move(*decoded), std::move(ticket));
+  }
   std::size_t queuedBytes() const override { return 0; }
   void fail(wire::ErrorMessage) override {}
   void readOn() {
