@@ -150,16 +150,18 @@ typedef struct rc_world rc_world;
 
 typedef struct rc_join_options {
   size_t size;
-  const char* name;   /* shown to the others */
-  int32_t sensor;     /* 1: a member without a camera's mesh */
-  int32_t follows;    /* 1: follows the clock: each step waits until this member has done it (rc_world_next_step) */
-  int32_t lockstep;   /* 1: exactly one iteration for each pose; the same poses give the same meshes */
-  int32_t stays_lost; /* 1: a lost connection is not restored */
-  uint32_t triangles; /* of the mesh at most; default: the server's */
-  double threshold;   /* of the mesh, in pixels; default: 0.6 */
-  double timeout;     /* of joining, and of queries to the server, seconds; default: 10 */
-  const char* token;  /* default: none */
-  const char* ca;     /* file of certificate authorities to trust (PEM); default: the system's */
+  const char* name;    /* shown to the others */
+  int32_t sensor;      /* 1: a member without a camera's mesh */
+  int32_t follows;     /* 1: follows the clock: each step waits until this member has done it (rc_world_next_step) */
+  int32_t lockstep;    /* 1: exactly one iteration for each pose; the same poses give the same meshes */
+  int32_t stays_lost;  /* 1: a lost connection is not restored */
+  uint32_t triangles;  /* of the mesh at most; default: the server's */
+  double threshold;    /* of the mesh, in pixels; default: 0.6 */
+  double timeout;      /* of joining, and of queries to the server, seconds; default: 10 */
+  const char* token;   /* default: none */
+  const char* ca;      /* file of certificate authorities to trust (PEM); default: the system's */
+  int32_t everybody;   /* 1: hears of each member, not only of those near it: for programs that need all */
+  int32_t places_only; /* 1: poses only say where this member is; no mesh is made of what it sees, and no iteration comes */
 } rc_join_options;
 
 /* `url`: ws://HOST:PORT?session=NAME&terrain=NAME&seed=N&param=NAME=NUMBER. A session that does not exist is created if the URL names a
@@ -278,8 +280,20 @@ typedef struct rc_member {
   uint8_t state[256];  /* what it sent with its pose: rc_camera */
   uint32_t state_size; /* bytes of it */
 } rc_member;
-/* Up to `room` of them, ordered by number, and how many there are. */
+/* Up to `room` of them, ordered by number, and how many there are: the 64 to 96 nearest, of which the 24 nearest are heard of often, or
+   everybody (rc_join_options). A server that knows no crowds (revision less than 7) tells of everybody. */
 rc_status rc_world_members(rc_world* world, rc_member* out, size_t room, size_t* count);
+
+/* How many members of the session, this one included, are in a square. */
+typedef struct rc_crowd_cell {
+  size_t size;
+  double x, z; /* its corner of least x and z, metres */
+  double side; /* metres */
+  uint64_t members;
+} rc_crowd_cell;
+/* Up to `room` of them, and how many there are; none while rc_world_members names everybody. `others`: how many other members the session
+   has, named or not; may be null. */
+rc_status rc_world_crowd(rc_world* world, rc_crowd_cell* out, size_t room, size_t* count, uint64_t* others);
 
 #ifdef __cplusplus
 }

@@ -45,7 +45,9 @@ world::Options optionsOf(const rc_join_options& given, Milliseconds timeout) {
                          .pacing = given.lockstep ? wire::Pacing::kLockstep : wire::Pacing::kFree,
                          .ca = given.ca ? given.ca : "",
                          .token = given.token ? given.token : "",
-                         .reconnects = given.stays_lost == 0};
+                         .reconnects = given.stays_lost == 0,
+                         .everybody = given.everybody != 0,
+                         .placesOnly = given.places_only != 0};
   if (timeout.count() > 0) options.timeout = timeout;
   return options;
 }
@@ -270,5 +272,21 @@ rc_status rc_world_members(rc_world* world, rc_member* out, size_t room, size_t*
       all.push_back(member);
     }
     return writeAll(all, out, room, count, "rc_member");
+  });
+}
+
+rc_status rc_world_crowd(rc_world* world, rc_crowd_cell* out, size_t room, size_t* count, uint64_t* others) {
+  return alone(world, [&](world::World& w) {
+    const core::Roster roster = w.roster();
+    const wire::Crowd& crowd = roster.crowd();
+    const double side = std::ldexp(256, static_cast<int>(crowd.level));
+    std::vector<rc_crowd_cell> cells;
+    for (std::size_t k = 0; k < crowd.i.size(); ++k)
+      cells.push_back({.x = static_cast<double>(crowd.i[k]) * side,
+                       .z = static_cast<double>(crowd.j[k]) * side,
+                       .side = side,
+                       .members = crowd.count[k]});
+    if (others) *others = roster.count();
+    return writeAll(cells, out, room, count, "rc_crowd_cell");
   });
 }

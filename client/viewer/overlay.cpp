@@ -208,7 +208,7 @@ void drawFigures(const ViewerState& state) {
                 s.building.share() * 100, s.iterationsPerSecond, s.latencyMs);
   ImGui::Text("%.2f MB received%s", static_cast<double>(s.bytes) / 1e6, s.hashOk ? "" : ", MESH DIFFERS FROM THE SERVER'S");
   ImGui::Text("x %s  y %.1f  z %s m, %.0f m above ground", m.x.c_str(), m.y, m.z.c_str(), m.aboveGround);
-  if (const std::size_t others = state.outlines.members.size()) ImGui::Text("%zu other%s here (M)", others, others == 1 ? "" : "s");
+  if (const std::size_t others = state.outlines.others) ImGui::Text("%zu other%s here (M)", others, others == 1 ? "" : "s");
   if (!state.smooth) ImGui::TextUnformatted("reduced motion: changes show at once");
   if (state.lines.frozen) ImGui::TextUnformatted("the server's camera is frozen (C)");
   if (m.following) ImGui::TextUnformatted("following the path (O ends it)");

@@ -98,8 +98,9 @@ void drawWorlds(Panel& p, Requests& requests) {
   drawTerrains(p, requests);
 }
 
-void drawPeople(Panel& p, const std::vector<Outlines::Member>& members, Requests& requests) {
-  if (members.empty()) ImGui::TextUnformatted("Nobody else. A link (L) brings somebody here.");
+void drawPeople(Panel& p, const Outlines& outlines, Requests& requests) {
+  const std::vector<Outlines::Member>& members = outlines.members;
+  if (outlines.others == 0) ImGui::TextUnformatted("Nobody else. A link (L) brings somebody here.");
   for (const Outlines::Member& member : members) {
     ImGui::PushID(std::to_string(member.camera).c_str());
     const ImVec2 at = ImGui::GetCursorScreenPos();
@@ -115,6 +116,7 @@ void drawPeople(Panel& p, const std::vector<Outlines::Member>& members, Requests
       requests.flyTo = member.camera;
     ImGui::PopID();
   }
+  if (outlines.others > members.size()) ImGui::Text("and %zu farther away", outlines.others - members.size());
   ImGui::Separator();
   ImGui::Checkbox("show them in the picture", &p.members);
   ImGui::InputText("your name", p.name.data(), p.name.size());
@@ -222,7 +224,7 @@ void drawPanel(ViewerState& s, Requests& requests, Area& area) {
     ImGui::PushTextWrapPos(size.x - 4 * ImGui::GetFontSize());
     if (p.dialog == Dialog::kSettings) drawSettings(p, s.smooth, requests);
     if (p.dialog == Dialog::kWorlds) drawWorlds(p, requests);
-    if (p.dialog == Dialog::kPeople) drawPeople(p, s.outlines.members, requests);
+    if (p.dialog == Dialog::kPeople) drawPeople(p, s.outlines, requests);
     ImGui::PopTextWrapPos();
     if (!p.problem.empty()) {
       ImGui::PushTextWrapPos(ImGui::GetFontSize() * 26);

@@ -28,6 +28,7 @@ Outcome<Link> Link::open(const core::Url& url, const wire::Settings& settings, c
   hello.clientName = name;
   hello.settings = settings;
   hello.members = hello.clock = true;
+  hello.near = 24;
   auto client = link::Client::open(url, hello, {.waiting = waiting});
   if (!client) return client.error();
   return Link{url, settings, std::move(*client)};

@@ -73,7 +73,8 @@ struct Outlines {
     std::optional<Spot> at;      // in the window; null: not in sight
     std::vector<Segment> lines;
   };
-  std::vector<Member> members;  // all in the session, the nearest first
+  std::vector<Member> members;  // those that are named, the nearest first
+  std::size_t others = 0;       // all in the session
   std::vector<Segment> frozen;
 };
 

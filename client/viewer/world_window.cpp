@@ -455,6 +455,7 @@ void WorldWindow::outline(const camera::Camera& camera) {
   if (state_.lines.frozen) out.frozen = lines(*state_.lines.frozen, kFrozenReach);
   const core::Roster* others = stream_.others();
   if (!others) return;
+  out.others = others->count();
   for (const auto& [id, other] : others->others()) {
     Outlines::Member member;
     member.camera = id;

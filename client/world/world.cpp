@@ -14,6 +14,8 @@ using Clock = std::chrono::steady_clock;
 
 namespace {
 
+constexpr std::uint32_t kNear = 24;  // members heard of often
+
 std::chrono::milliseconds left(Clock::time_point until) {
   return std::max(std::chrono::ceil<std::chrono::milliseconds>(until - Clock::now()), 0ms);
 }
@@ -41,7 +43,10 @@ Result<std::unique_ptr<World>> World::join(std::string_view url, const Options& 
                           .members = true,
                           .clock = true,
                           .errors = true,
-                          .edits = true};
+                          .edits = true,
+                          .near = options.everybody ? 0u : kNear,
+                          .states = true,
+                          .placesOnly = options.placesOnly};
   auto client = link::Client::open(*parsed, hello, {.reconnects = options.reconnects, .timeout = options.timeout});
   if (!client) return Failure{Fault::kRefused, client.error().message};
   return std::unique_ptr<World>(new World(std::move(*client), options));
@@ -277,11 +282,16 @@ Result<std::uint64_t> World::nextStep(Milliseconds timeout) {
 }
 
 std::vector<core::Other> World::others() {
-  client_->receive(0ms);
   std::vector<core::Other> all;
-  if (const auto roster = client_->connection().others())
-    for (const auto& [camera, other] : roster->others()) all.push_back(other);
+  const core::Roster now = roster();
+  for (const auto& [camera, other] : now.others()) all.push_back(other);
   return all;
+}
+
+core::Roster World::roster() {
+  client_->receive(0ms);
+  auto roster = client_->connection().others();
+  return roster ? std::move(*roster) : core::Roster();
 }
 
 Result<std::uint64_t> World::send(const camera::Camera& camera, std::span<const std::uint8_t> state) {

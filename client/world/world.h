@@ -65,6 +65,8 @@ struct Options {
   std::string ca = {}, token = {};            // core::Url
   std::chrono::milliseconds timeout{10'000};  // of join(), and of queries
   bool reconnects = true;
+  bool everybody = false;   // hears of each member, not only of those near it (Hello.near)
+  bool placesOnly = false;  // no mesh of what its camera sees: its poses only say where it is; fly() and receive() get no iterations
 };
 
 class World {
@@ -109,7 +111,10 @@ class World {
   // kRefused: the server's sentence.
   Result<std::uint64_t> edit(const std::string& operation, std::string key, Milliseconds timeout);
 
+  // Those near it, or everybody (Options), live.
   std::vector<core::Other> others();
+  // Those and all the others, as counts.
+  core::Roster roster();
 
   // Sends a pose and returns its iteration, or a later one: the mesh held is then the server's.
   Result<link::Update> fly(const camera::Camera& camera, Milliseconds timeout, std::span<const std::uint8_t> state = {});

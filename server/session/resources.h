@@ -34,7 +34,7 @@ inline constexpr std::uint64_t kBytesPerTriangle = 160;    // of a camera's mesh
 struct Limits {
   std::uint32_t maxCameras = 256;                  // of all sessions together
   std::uint64_t maxTotalTriangles = 0;             // budgets of all cameras together (camera_quota.h); 0: unlimited
-  std::uint32_t maxMembers = 64;                   // of one session
+  std::uint32_t maxMembers = 4096;                 // of one session; no more than maxCameras
   std::uint32_t maxSessions = 64;                  // `default` included
   std::uint32_t maxSessionsPerClient = 16;         // that live and that it has made; 0: unlimited
   std::chrono::milliseconds sessionIdle{300'000};  // a session ends after this time without members, queries and snapshots

@@ -51,6 +51,7 @@ Report soak(const Options&);
 Report heights(const Options&);
 Report deltas(const Options&);
 Report cameras(const Options&);
+Report presence(const Options&);
 Report edits(const Options&);
 Report doors(const Options&);
 Report resume(const Options&);

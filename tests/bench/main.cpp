@@ -34,6 +34,7 @@ const Entry kEntries[] = {
     {"box", "the mesh of a box against greedy insertion over a height map", box},
     {"error", "the error on screen, measured by rays, against what was asked for", error},
     {"cameras", "many cameras on one server, real sockets, this machine", cameras},
+    {"presence", "what members are told of each other, and what that costs a server", presence},
     {"deltas", "what changed in a leaf against sending the leaf whole", deltas},
     {"edits", "a log of edits: commits a second, cold starts from the cached ground and from the edits", edits},
     {"bus", "what servers share by Redis: synced appends by one and by sixteen, messages", bus},

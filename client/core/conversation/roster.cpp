@@ -22,7 +22,11 @@ Outcome<void> Roster::apply(const wire::Members& news, std::chrono::steady_clock
   }
   for (const std::uint64_t camera : news.left)
     if (others.erase(camera) == 0) return Error{name(camera) + " left but had not joined"};
+  for (const std::uint64_t camera : news.faded)
+    if (others.erase(camera) == 0) return Error{name(camera) + " faded but had not joined"};
   others_ = std::move(others);
+  count_ = news.others;
+  if (news.crowd) crowd_ = *news.crowd;
   ++version_;
   return {};
 }

@@ -19,9 +19,9 @@ from .mesh import Mesh
 from .server import Server, server
 from .standing import Standing, Tile
 from .terrain import Hits, Terrain
-from .world import Clock, Iteration, Leaf, Member, World, join
+from .world import Cell, Clock, Iteration, Leaf, Member, World, join
 
 __all__ = [
-    "Clock", "Error", "Hits", "Invalid", "Iteration", "Leaf", "Lost", "Member", "Mesh", "Refused", "Server", "Standing", "Terrain", "Tile",
+    "Cell", "Clock", "Error", "Hits", "Invalid", "Iteration", "Leaf", "Lost", "Member", "Mesh", "Refused", "Server", "Standing", "Terrain", "Tile",
     "Timeout", "World", "join", "read_glb", "server",
 ]

@@ -52,6 +52,16 @@ class Member:
     state: bytes  #: what it sent with its pose
 
 
+@dataclass(frozen=True)
+class Cell:
+    """A square with members in it."""
+
+    x: float  #: of its corner of least x and z, metres
+    z: float
+    side: float  #: metres
+    members: int
+
+
 class Clock:
     """The session's clock: seconds since its beginning. One member owns it: the first to set or step it."""
 
@@ -183,12 +193,27 @@ class World(Questions):
 
     @property
     def members(self) -> List[Member]:
-        """The other members."""
+        """The other members near this one: the 64 nearest and a few more. The 24 nearest are up to date to a tenth of a second, the others
+        to a second or a few. Everybody, if the session has at most 65 members or this one joined with everybody=True.
+        """
         def member(m: Any) -> Member:
             return Member(m.member, ffi.string(m.name).decode(errors="replace"), bool(m.sensor), (m.x, m.y, m.z) if m.has_pose else None,
                           m.yaw, m.pitch, m.time * 1e-6, bytes(ffi.buffer(m.state, m.state_size)))
 
         return [member(m) for m in self._all("rc_member", lib.rc_world_members)]
+
+    @property
+    def crowd(self) -> List[Cell]:
+        """How many members, this one included, are where, in at most 512 squares, to two seconds. Empty while `members` names everybody."""
+        cells = self._all("rc_crowd_cell", lambda *a: lib.rc_world_crowd(*a, ffi.NULL))
+        return [Cell(c.x, c.z, c.side, int(c.members)) for c in cells]
+
+    @property
+    def others(self) -> int:
+        """How many other members the session has, named in `members` or not."""
+        count, others = ffi.new("size_t*"), ffi.new("uint64_t*")
+        check(lib.rc_world_crowd(self._handle, ffi.NULL, 0, count, others))
+        return int(others[0])
 
     def ground(self, center: Tuple[float, float], radius: float, error: float, timeout: float = 40.0) -> Mesh:
         """The ground in a circle as triangles, at most `error` metres off; the mesh's origin is the center (x, z).
@@ -298,13 +323,14 @@ class World(Questions):
 def join(url: str = "ws://127.0.0.1:7070", *, session: Optional[str] = None, terrain: Optional[str] = None, seed: Optional[int] = None,
          parameters: Optional[Mapping[str, float]] = None, clock: Optional[str] = None, name: str = "", sensor: bool = False,
          follow: bool = False, lockstep: bool = False, triangles: int = 0, threshold: float = 0.0, token: Optional[str] = None,
-         ca: Optional[str] = None, reconnect: bool = True, timeout: float = 10.0) -> World:
+         ca: Optional[str] = None, reconnect: bool = True, timeout: float = 10.0, everybody: bool = False, mesh: bool = True) -> World:
     """Joins a session; if it does not exist and a terrain is named, the server creates it.
 
     clock: with "stepped", the clock of a new session stands at 0 until its first step. sensor: a member without a camera's mesh. follow:
     each step of the clock waits until this member has done it (clock.next). lockstep: one iteration for each pose, the same meshes for the
     same poses. triangles: of the mesh at most; threshold: of the mesh, in pixels; 0: the defaults. reconnect: a lost connection is restored
-    by itself, and calls wait for it within their timeout.
+    by itself, and calls wait for it within their timeout. everybody: `members` names each member, however far: at once if the session has
+    at most 64 or its clock is stepped, otherwise far ones seldom. mesh=False: poses only place this member; no iterations come.
     """
     query: List[str] = []
     if session is not None:
@@ -319,7 +345,7 @@ def join(url: str = "ws://127.0.0.1:7070", *, session: Optional[str] = None, ter
     spelt = text(url + ("&" if "?" in url else "?") * bool(query) + "&".join(query))
     words = text(name), text(token), text(ca)
     options = struct("rc_join_options", name=words[0], token=words[1], ca=words[2], sensor=sensor, follows=follow, lockstep=lockstep,
-                     stays_lost=not reconnect, triangles=triangles, threshold=threshold, timeout=timeout)
+                     stays_lost=not reconnect, triangles=triangles, threshold=threshold, timeout=timeout, everybody=everybody, places_only=not mesh)
     out = ffi.new("rc_world**")
     interruptible(lambda: lib.rc_join(spelt, options, out), lambda: lib.rc_world_close(out[0]))
     return World(owned(out[0], lib.rc_world_close))

@@ -28,7 +28,8 @@ interface Edit {
 export class Client {
   world: WorldTold | undefined; // the last that it was in
   figures: Figures | undefined; // of the last iteration
-  others: MemberTold[] = [];
+  others: MemberTold[] = []; // those near enough to be named
+  countOfOthers = 0; // named or not
   ground: number | undefined; // metres, of the mesh below the newest camera
   lost = ''; // why there is no connection
   private readonly edits = new Map<number, Edit>();
@@ -117,6 +118,7 @@ export class Client {
         return;
       case 'members':
         this.others = message.members;
+        this.countOfOthers = message.others;
         return;
       case 'heights':
         this.questions.get(message.number)?.(message.metres);

@@ -131,7 +131,7 @@ export type FromEngine =
   | { kind: 'clock'; clock: ClockTold }
   | { kind: 'notice'; sentence: string } // of what was done to the ground or the clock
   | { kind: 'editing'; editing: EditingTold }
-  | { kind: 'members'; members: MemberTold[] } // all the others
+  | { kind: 'members'; members: MemberTold[]; others: number } // those near enough to be named; how many others there are in all
   | { kind: 'edit answer'; id: number; number: number; refusal: string } // number 0: refused
   | { kind: 'touched'; touched?: Touched } // the answer to a brush
   | { kind: 'heights'; number: number; metres: Float64Array<ArrayBuffer> } // of the mesh; NaN where it has none

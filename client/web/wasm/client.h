@@ -44,7 +44,7 @@ class Client {
   void start(const std::string& host, const std::string& name, double threshold, std::uint32_t random) {
     settings_.metric = wire::Metric::kPixels;
     settings_.threshold = threshold;
-    wire::Hello hello{.clientName = name, .settings = settings_, .points = true, .members = true, .clock = true};
+    wire::Hello hello{.clientName = name, .settings = settings_, .points = true, .members = true, .clock = true, .near = 24};
     core::Url url;
     url.host = host.substr(0, host.rfind(':'));
     url.port = host.substr(host.rfind(':') + 1);
@@ -273,7 +273,7 @@ class Client {
   void listen(double now) {
     core::Conversation& heard = conversation();
     if (std::exchange(seen_.settings, heard.granted()) != heard.granted()) tell(kind("granted")("threshold", heard.granted().threshold));
-    if (std::exchange(seen_.members, heard.roster().version()) != heard.roster().version()) tellMembers(heard.roster().others());
+    if (std::exchange(seen_.members, heard.roster().version()) != heard.roster().version()) tellMembers(heard.roster());
     if (std::exchange(seen_.clock, heard.clock().version()) != heard.clock().version()) {
       hearClock(now);
       if (heard.clock().isSettled()) tellClock(now);
@@ -289,9 +289,9 @@ class Client {
     if (put(came.found) && put(came.squares) && !(came.found.empty() && came.squares.empty())) followEdits();
   }
 
-  void tellMembers(const std::map<std::uint64_t, core::Other>& others) {
+  void tellMembers(const core::Roster& roster) {
     List members;
-    for (const auto& [camera, other] : others) {
+    for (const auto& [camera, other] : roster.others()) {
       Object member;
       member("camera", std::to_string(camera))("name", core::nameOf(other.member));
       if (other.member.moved) {
@@ -300,7 +300,7 @@ class Client {
       }
       members(member);
     }
-    tell(kind("members")("members", members));
+    tell(kind("members")("members", members)("others", roster.count()));
   }
 
   core::Editing::To editor() {

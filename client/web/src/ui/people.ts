@@ -14,6 +14,7 @@ export class People {
   private readonly dialog = element<HTMLDialogElement>('who');
   private readonly field = element('own-name').querySelector('input')!;
   private others: MemberTold[] = [];
+  private count = 0; // of all others, named or not
 
   constructor(private readonly on: { fly: (to: NonNullable<MemberTold['at']>) => void; renamed: () => void }) {
     this.field.value = remembered('name');
@@ -33,9 +34,10 @@ export class People {
     if (name) this.rename(name);
   }
 
-  set(others: MemberTold[]): void {
+  set(others: MemberTold[], count: number): void {
     this.others = others;
-    element('people').textContent = others.length === 0 ? 'only you' : `${others.length + 1} here`;
+    this.count = count;
+    element('people').textContent = count === 0 ? 'only you' : `${count + 1} here`;
   }
 
   show(pose: Pose): void {
@@ -52,7 +54,9 @@ export class People {
     const list = element('others'), away = (m: MemberTold): number => (m.at ? distanceTo(pose, m.at) : Infinity);
     const members = [...this.others].sort((a, b) => away(a) - away(b));
     list.hidden = members.length === 0;
-    element('alone').hidden = !list.hidden;
+    element('alone').hidden = this.count > 0;
+    element('farther').hidden = this.count <= members.length;
+    element('farther').textContent = `and ${(this.count - members.length).toLocaleString('en')} farther away`;
     while (list.childElementCount > members.length) list.lastElementChild!.remove();
     members.forEach((member, k) => this.fill((list.children[k] as HTMLElement | undefined) ?? list.appendChild(document.createElement('li')), member, away(member)));
   }

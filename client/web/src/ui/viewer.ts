@@ -207,7 +207,7 @@ export class Viewer {
         if (this.ground === 'of the mesh') this.beginAbove(message.metres);
         return;
       case 'members':
-        this.people.set(message.members);
+        this.people.set(message.members, message.others);
         return this.members.set(message.members);
       case 'granted':
         return this.toolbar.showThreshold(message.threshold);
@@ -339,7 +339,7 @@ export class Viewer {
 
   private showStatistics(): void {
     const { look, flying, engine, painter } = this;
-    this.statistics.show({ look, flying, ground: engine.ground, figures: engine.figures, frames: painter.frames, atRest: this.atRest, others: engine.others.length });
+    this.statistics.show({ look, flying, ground: engine.ground, figures: engine.figures, frames: painter.frames, atRest: this.atRest, others: engine.countOfOthers });
   }
 
   // ---- places ----
