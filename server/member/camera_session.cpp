@@ -131,18 +131,10 @@ void CameraSession::receive(wire::ClientMessage message) {
 }
 
 CameraSession::Refusal CameraSession::attend(const wire::ClockStep& step) {
-  switch (session_->clock().step(id_, step)) {
-    case session::Clock::Stepped::kBegins:
-    case session::Clock::Stepped::kQueues:
-    case session::Clock::Stepped::kNotYours:  // answered with the clock, which names its owner
-      return {};
-    case session::Clock::Stepped::kNotStepped:
-      return ErrorMessage{ErrorCode::kInvalid, "A step came while the clock runs by itself; set it to stepped first."};
-    case session::Clock::Stepped::kTooMany:
-      break;
-  }
-  return ErrorMessage{ErrorCode::kLimit, "More than " + std::to_string(session::Clock::kMaxQueuedSteps) +
-                                             " steps wait for the members: send the next when the clock says that one has begun."};
+  const session::Clock::Stepped stepped = session_->clock().step(id_, step);
+  std::string why = session::sentenceOf(stepped);  // of kNotYours none: that is answered with the clock, which names its owner
+  if (why.empty()) return {};
+  return ErrorMessage{stepped == session::Clock::Stepped::kTooMany ? ErrorCode::kLimit : ErrorCode::kInvalid, std::move(why)};
 }
 
 CameraSession::Refusal CameraSession::attend(wire::Query& query) {

@@ -7,46 +7,48 @@
 namespace ridgecast::session {
 
 void Clock::play(const wire::Clock& recording, Instant now) {
-  since_ = now;
-  end_ = recording.end;
-  time_ = upToEnd(recording.time);
-  mode_ = recording.mode;
-  rate_ = recording.rate;
+  state_.since = now;
+  state_.end = recording.end;
+  state_.time = upToEnd(recording.time);
+  state_.mode = recording.mode;
+  state_.rate = recording.rate;
 }
 
-std::uint64_t Clock::upToEnd(std::uint64_t time) const { return std::min(end_ == 0 ? wire::kMaxTime : end_, time); }
+std::uint64_t Clock::upToEnd(std::uint64_t time) const { return std::min(state_.end == 0 ? wire::kMaxTime : state_.end, time); }
 
-std::uint64_t Clock::movedTo(std::uint64_t time) const { return std::max(time_, end_ == 0 ? std::min(kMaxMoved, time) : upToEnd(time)); }
+std::uint64_t Clock::movedTo(std::uint64_t time) const {
+  return std::max(state_.time, state_.end == 0 ? std::min(kMaxMoved, time) : upToEnd(time));
+}
 
 bool Clock::isTooFarAhead(std::uint64_t time, Instant now) const {
-  return end_ == 0 && time > std::min(kMaxMoved, this->time(now) + wire::kMaxStepTime);
+  return state_.end == 0 && time > std::min(kMaxMoved, this->time(now) + wire::kMaxStepTime);
 }
 
 std::uint64_t Clock::time(Instant now) const {
-  if (mode_ == wire::ClockMode::kStepped) return time_;
-  const double passed = std::max(0.0, std::chrono::duration<double, std::micro>(now - since_).count()) * rate_;
-  return upToEnd(time_ + static_cast<std::uint64_t>(std::min(passed, 1e18)));
+  if (state_.mode == wire::ClockMode::kStepped) return state_.time;
+  const double passed = std::max(0.0, std::chrono::duration<double, std::micro>(now - state_.since).count()) * state_.rate;
+  return upToEnd(state_.time + static_cast<std::uint64_t>(std::min(passed, 1e18)));
 }
 
 wire::Clock Clock::state(Instant now) const {
   wire::Clock out;
-  out.mode = mode_;
-  out.rate = rate_;
+  out.mode = state_.mode;
+  out.rate = state_.rate;
   out.time = time(now);
-  out.owner = owner_;
-  out.step = step_;
-  out.end = end_;
-  out.waitsFor.assign(waitsFor_.begin(), waitsFor_.end());
+  out.owner = state_.owner;
+  out.step = state_.step;
+  out.end = state_.end;
+  out.waitsFor.assign(state_.waitsFor.begin(), state_.waitsFor.end());
   return out;
 }
 
 bool Clock::leave(std::uint64_t member, Instant) {
-  followers_.erase(member);
-  passedOver_.erase(member);
-  bool changed = waitsFor_.erase(member) > 0;
-  if (owner_ == member) {
-    owner_ = 0;
-    queued_.clear();
+  state_.followers.erase(member);
+  state_.passedOver.erase(member);
+  bool changed = state_.waitsFor.erase(member) > 0;
+  if (state_.owner == member) {
+    state_.owner = 0;
+    state_.queued.clear();
     changed = true;
   }
   if (changed) goOn();
@@ -54,66 +56,74 @@ bool Clock::leave(std::uint64_t member, Instant) {
 }
 
 bool Clock::set(std::uint64_t member, const wire::SetClock& set, Instant now) {
-  if (owner_ != 0 && owner_ != member) return false;
+  if (state_.owner != 0 && state_.owner != member) return false;
   if (!set.own) {
-    if (owner_ == 0) return false;
-    owner_ = 0;
-    queued_.clear();
+    if (state_.owner == 0) return false;
+    state_.owner = 0;
+    state_.queued.clear();
     return true;
   }
-  owner_ = member;
-  time_ = time(now);
-  since_ = now;
+  state_.owner = member;
+  state_.time = time(now);
+  state_.since = now;
   if (set.mode != wire::ClockMode::kStepped) {
-    queued_.clear();
-    waitsFor_.clear();
+    state_.queued.clear();
+    state_.waitsFor.clear();
   }
-  mode_ = set.mode;
-  rate_ = mode_ == wire::ClockMode::kRealTime ? 1 : mode_ == wire::ClockMode::kScaled ? set.rate : 0;
-  if (waitsFor_.empty() && !isTooFarAhead(set.time, now)) time_ = movedTo(set.time);
+  state_.mode = set.mode;
+  state_.rate = state_.mode == wire::ClockMode::kRealTime ? 1 : state_.mode == wire::ClockMode::kScaled ? set.rate : 0;
+  if (state_.waitsFor.empty() && !isTooFarAhead(set.time, now)) state_.time = movedTo(set.time);
   return true;
 }
 
 Clock::Stepped Clock::step(std::uint64_t member, const wire::ClockStep& step) {
-  if (owner_ != member) return Stepped::kNotYours;
-  if (mode_ != wire::ClockMode::kStepped) return Stepped::kNotStepped;
-  if (queued_.size() >= kMaxQueuedSteps) return Stepped::kTooMany;
-  queued_.push_back(step);
-  const std::uint64_t before = step_;
+  if (state_.owner != member) return Stepped::kNotYours;
+  if (state_.mode != wire::ClockMode::kStepped) return Stepped::kNotStepped;
+  if (state_.queued.size() >= kMaxQueuedSteps) return Stepped::kTooMany;
+  state_.queued.push_back(step);
+  const std::uint64_t before = state_.step;
   goOn();
-  return step_ != before ? Stepped::kBegins : Stepped::kQueues;
+  return state_.step != before ? Stepped::kBegins : Stepped::kQueues;
 }
 
 bool Clock::done(std::uint64_t member, std::uint64_t step) {
-  if (step != step_) return false;
-  if (passedOver_.erase(member) > 0) follow(member);
-  if (waitsFor_.erase(member) == 0) return false;
-  if (!waitsFor_.empty()) return false;  // a change matters only when nobody is waited for any more
+  if (step != state_.step) return false;
+  if (state_.passedOver.erase(member) > 0) follow(member);
+  if (state_.waitsFor.erase(member) == 0) return false;
+  if (!state_.waitsFor.empty()) return false;  // a change matters only when nobody is waited for any more
   goOn();
   return true;
 }
 
 bool Clock::passOver(std::uint64_t member) {
-  if (followers_.erase(member) == 0) return false;
-  passedOver_.insert(member);
-  waitsFor_.erase(member);
+  if (state_.followers.erase(member) == 0) return false;
+  state_.passedOver.insert(member);
+  state_.waitsFor.erase(member);
   goOn();
   return true;
 }
 
+bool Clock::reach(std::uint64_t time, Instant now) {
+  if (this->time(now) >= time) return false;
+  state_.time = upToEnd(time);
+  state_.since = now;
+  return true;
+}
+
 void Clock::begin(const wire::ClockStep& step) {
-  expects(mode_ == wire::ClockMode::kStepped && waitsFor_.empty(), "a step begins on a stepped clock when nobody is waited for");
-  ++step_;
-  time_ = movedTo(time_ + step.time);
+  expects(state_.mode == wire::ClockMode::kStepped && state_.waitsFor.empty(),
+          "a step begins on a stepped clock when nobody is waited for");
+  ++state_.step;
+  state_.time = movedTo(state_.time + step.time);
   if (!step.wait) return;
-  waitsFor_ = followers_;
-  waitsFor_.erase(owner_);  // nobody waits for the owner
+  state_.waitsFor = state_.followers;
+  state_.waitsFor.erase(state_.owner);  // nobody waits for the owner
 }
 
 void Clock::goOn() {
-  while (waitsFor_.empty() && !queued_.empty()) {
-    begin(queued_.front());
-    queued_.pop_front();
+  while (state_.waitsFor.empty() && !state_.queued.empty()) {
+    begin(state_.queued.front());
+    state_.queued.pop_front();
   }
 }
 

@@ -14,6 +14,7 @@
 #include <cstdint>
 #include <deque>
 #include <set>
+#include <utility>
 
 #include "common/wire/messages.h"
 #include "common/wire/wire.h"
@@ -26,20 +27,34 @@ class Clock {
   static constexpr std::size_t kMaxQueuedSteps = 64;
   static constexpr std::uint64_t kMaxMoved = wire::kMaxTime / 2;  // by jumps and steps, so that it can always run: 142 years
 
+  // All that a clock is: one made of another's goes on as that one would.
+  struct State {
+    Instant since{};         // the instant at which the clock showed `time`
+    std::uint64_t time = 0;  // microseconds
+    std::uint64_t end = 0;   // of a recording; 0: there is none
+    wire::ClockMode mode = wire::ClockMode::kRealTime;
+    double rate = 1;
+    std::uint64_t owner = 0, step = 0;
+    std::set<std::uint64_t> followers{}, waitsFor{}, passedOver{};  // each member is in one of the first and last at most
+    std::deque<wire::ClockStep> queued{};
+  };
+
   explicit Clock(Instant now, wire::ClockMode mode = wire::ClockMode::kRealTime)
-      : since_(now), mode_(mode), rate_(mode == wire::ClockMode::kStepped ? 0 : 1) {}
+      : state_{.since = now, .mode = mode, .rate = mode == wire::ClockMode::kStepped ? 0.0 : 1.0} {}
+  explicit Clock(State state) : state_(std::move(state)) {}
+  const State& all() const { return state_; }
 
   // Before anybody follows it: time, mode, rate and end of a recording's.
   void play(const wire::Clock& recording, Instant now);
 
   wire::Clock state(Instant now) const;
   std::uint64_t time(Instant now) const;  // microseconds
-  std::uint64_t owner() const { return owner_; }
-  std::uint64_t step() const { return step_; }  // number of the newest
-  const std::set<std::uint64_t>& waitsFor() const { return waitsFor_; }
+  std::uint64_t owner() const { return state_.owner; }
+  std::uint64_t step() const { return state_.step; }  // number of the newest
+  const std::set<std::uint64_t>& waitsFor() const { return state_.waitsFor; }
 
   // A member starts to follow the clock, or leaves (follower or not). Returns whether the state changed.
-  void follow(std::uint64_t member) { followers_.insert(member); }
+  void follow(std::uint64_t member) { state_.followers.insert(member); }
   bool leave(std::uint64_t member, Instant now);
 
   // Of a jump: by more than kMaxStepTime, or beyond kMaxMoved, and the clock is not a recording's.
@@ -53,21 +68,16 @@ class Clock {
   bool done(std::uint64_t member, std::uint64_t step);
   // No step waits for this follower until it is done with the newest. False: it is no follower, or was passed over before.
   bool passOver(std::uint64_t member);
+  // Somebody was shown this time: it is shown at least that. Returns whether the state changed.
+  bool reach(std::uint64_t time, Instant now);
 
  private:
   std::uint64_t upToEnd(std::uint64_t time) const;
-  std::uint64_t movedTo(std::uint64_t time) const;  // time_ after a step or a jump
+  std::uint64_t movedTo(std::uint64_t time) const;  // the time after a step or a jump
   void begin(const wire::ClockStep& step);
   void goOn();  // to the next queued steps, if nobody is waited for
 
-  Instant since_;           // the instant at which the clock showed time_
-  std::uint64_t time_ = 0;  // microseconds
-  std::uint64_t end_ = 0;   // of a recording; 0: there is none
-  wire::ClockMode mode_;
-  double rate_;
-  std::uint64_t owner_ = 0, step_ = 0;
-  std::set<std::uint64_t> followers_, waitsFor_, passedOver_;  // each member is in one of the first and last at most
-  std::deque<wire::ClockStep> queued_;
+  State state_;
 };
 
 }  // namespace ridgecast::session

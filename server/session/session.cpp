@@ -102,7 +102,10 @@ Session::Session(std::string name, std::shared_ptr<const terrain::Terrain> terra
           resources_->limits.turn, orderOf(resources_, name_))),
       editPages_(std::make_shared<EditPages>(edits_, *resources_->executor)) {
   edits_->begin();
-  if (resources_->bus->server() != 0) presence_->share(resources_->bus, "members/" + name_);
+  if (resources_->bus->server() == 0) return;
+  presence_->share(resources_->bus, "members/" + name_);
+  // Another world under this name has another clock.
+  clock_->share(resources_->bus, "clock/" + name_ + "/" + std::to_string(contentHash_));
 }
 
 std::uint64_t Session::hashOf(const Ground& ground) const {
@@ -164,12 +167,14 @@ bool Session::end() {
   std::uint32_t nobody = 0;
   if (!members_->compare_exchange_strong(nobody, kEnded)) return false;
   edits_->end();
+  clock_->end();
   return true;
 }
 
 void Session::retire() {
   isRetired_ = true;
   edits_->end();
+  clock_->end();
 }
 
 }  // namespace ridgecast::session

@@ -6,8 +6,15 @@
 
 #include "common/outcome/contract.h"
 #include "common/wire/wire.h"
+#include "server/logging/logging.h"
 
 namespace ridgecast::session {
+
+namespace {
+
+constexpr const char* kCalls = "/calls";
+
+}  // namespace
 
 SessionClock::SessionClock(const Timer& timer, wire::ClockMode mode, std::shared_ptr<recording::Observer> observer)
     : timer_(timer), observer_(std::move(observer)), clock_(timer.now(), mode) {
@@ -21,97 +28,132 @@ void SessionClock::play(const wire::Clock& recording, std::function<void(std::ui
   changed();
 }
 
+SessionClock::~SessionClock() {
+  if (!shared_ || isOver_) return;
+  shared_->end();
+  for (const SharedClock::Wish& wish : shared_->takeNews().wishes) carryOut(wish);
+}
+
 void SessionClock::join(std::uint64_t camera, const wire::Hello& hello, std::shared_ptr<Sender> sender, std::optional<wire::World> world) {
-  const std::lock_guard lock(mutex_);
+  Lock lock(mutex_);
   expects(!entries_.contains(camera), "a member joins the clock once");
   Entry& entry = entries_[camera];
   entry = {std::move(sender), hello.clock, hello.members || hello.clock};
+  if (entry.follows && !shared_) clock_.follow(camera);
   if (world) entry.sender->send(std::move(*world));
   if (!entry.follows) return;
-  clock_.follow(camera);
   send(entry, 0);
+  if (!shared_) return;
+  shared_->call({.kind = ClockCall::Kind::kFollow, .member = camera}, sharedNow());
+  settle(lock);
 }
 
 void SessionClock::leave(std::uint64_t camera) {
-  const std::lock_guard lock(mutex_);
-  if (entries_.erase(camera) > 0 && clock_.leave(camera, timer_.now())) changed();
+  Lock lock(mutex_);
+  if (entries_.erase(camera) == 0) return;
+  if (shared_) {
+    shared_->call({.kind = ClockCall::Kind::kLeave, .member = camera}, sharedNow());
+    settle(lock);
+  } else if (clock_.leave(camera, timer_.now())) {
+    changed();
+  }
 }
 
 void SessionClock::receive(std::uint64_t camera, const wire::AskClock& ask) {
-  const std::lock_guard lock(mutex_);
+  const Lock lock(mutex_);
   if (const auto it = entries_.find(camera); it != entries_.end()) send(it->second, ask.echo);
 }
 
 void SessionClock::receive(std::uint64_t camera, const wire::SetClock& set) {
-  const std::lock_guard lock(mutex_);
+  Lock lock(mutex_);
   const auto it = entries_.find(camera);
   if (it == entries_.end()) return;
-  const Timer::Time now = timer_.now();
-  const bool isChanged = clock_.set(camera, set, now);
-  if (isChanged) changed();
-  const bool goesBack = isChanged && set.own && set.time != 0 && set.time < clock_.time(now);
-  if (goesBack && goBack_) goBack_(set.time);
-  std::string notice;
-  if (!isChanged) notice = whyNotYours();
-  if (goesBack && !goBack_) notice = "Time goes back only in recordings.";
-  if (isChanged && set.own && clock_.isTooFarAhead(set.time, now))
-    notice = "A jump takes the clock at most an hour ahead, and to at most 142 years.";
-  if (!notice.empty() || !it->second.follows) send(it->second, 0, std::move(notice));
+  const ClockCall call{.kind = ClockCall::Kind::kSet, .member = camera, .set = set};
+  if (shared_) {
+    if (refuses(it->second)) return;
+    shared_->call(call, sharedNow());
+    return settle(lock);
+  }
+  ClockEffect effect = apply(clock_, call, timer_.now());
+  if (effect.isChanged) changed();
+  if (effect.goesBack && goBack_) {
+    goBack_(set.time);
+    effect.notices.clear();
+  }
+  sendAll(effect.notices);
+  if (effect.notices.empty() && !it->second.follows) send(it->second, 0);
 }
 
 Clock::Stepped SessionClock::step(std::uint64_t camera, const wire::ClockStep& step) {
-  const std::lock_guard lock(mutex_);
+  Lock lock(mutex_);
   const auto it = entries_.find(camera);
   if (it == entries_.end()) return Clock::Stepped::kNotYours;
-  const Clock::Stepped stepped = clock_.step(camera, step);
-  if (stepped == Clock::Stepped::kBegins) changed();
-  if (stepped == Clock::Stepped::kNotYours) send(it->second, 0, whyNotYours());
-  return stepped;
+  const ClockCall call{.kind = ClockCall::Kind::kStep, .member = camera, .step = step};
+  if (shared_) {
+    if (refuses(it->second)) return Clock::Stepped::kNotYours;
+    if (shared_->pendingSteps(camera) >= Clock::kMaxQueuedSteps) return Clock::Stepped::kTooMany;
+    shared_->call(call, sharedNow());
+    settle(lock);
+    return Clock::Stepped::kQueues;
+  }
+  const ClockEffect effect = apply(clock_, call, timer_.now());
+  if (effect.isChanged) changed();
+  if (effect.stepped == Clock::Stepped::kNotYours) sendAll(effect.notices);
+  return effect.stepped;
 }
 
 void SessionClock::receive(std::uint64_t camera, const wire::StepDone& done) {
-  const std::lock_guard lock(mutex_);
-  if (clock_.done(camera, done.step)) changed();
+  Lock lock(mutex_);
+  const ClockCall call{.kind = ClockCall::Kind::kDone, .member = camera, .number = done.step};
+  if (shared_) {
+    shared_->call(call, sharedNow());
+    settle(lock);
+  } else if (apply(clock_, call, timer_.now()).isChanged) {
+    changed();
+  }
 }
 
 void SessionClock::receive(std::uint64_t camera, const wire::PassOver& pass) {
-  const std::lock_guard lock(mutex_);
+  Lock lock(mutex_);
   const auto it = entries_.find(camera);
   if (it == entries_.end()) return;
-  if (clock_.owner() != camera) return send(it->second, 0, whyNotYours());
-  if (passOver(pass.camera, "by the clock's owner")) return;
-  send(it->second, 0,
-       "No step waits for member " + std::to_string(pass.camera) + ": it does not follow the clock or was passed over before.");
+  const ClockCall call{.kind = ClockCall::Kind::kPassOver, .member = camera, .number = pass.camera};
+  if (shared_) {
+    if (refuses(it->second)) return;
+    shared_->call(call, sharedNow());
+    return settle(lock);
+  }
+  const ClockEffect effect = apply(clock_, call, timer_.now());
+  if (effect.isChanged) changed();
+  sendAll(effect.notices);
 }
 
 void SessionClock::tell(std::string sentence) {
   sentence.resize(std::min<std::size_t>(sentence.size(), wire::kMaxErrorBytes));
-  const std::lock_guard lock(mutex_);
+  const Lock lock(mutex_);
   for (auto& [id, entry] : entries_)
     if (entry.hears) send(entry, 0, sentence);
 }
 
 void SessionClock::tell(std::uint64_t camera, std::string sentence) {
-  const std::lock_guard lock(mutex_);
-  if (const auto it = entries_.find(camera); it != entries_.end()) send(it->second, 0, std::move(sentence));
+  const Lock lock(mutex_);
+  sendAll({{camera, std::move(sentence)}});
 }
 
 wire::Clock SessionClock::state() const {
-  const std::lock_guard lock(mutex_);
-  return clock_.state(timer_.now());
+  const Lock lock(mutex_);
+  return now();
 }
 
 std::uint64_t SessionClock::time() const {
-  const std::lock_guard lock(mutex_);
-  return clock_.time(timer_.now());
+  const Lock lock(mutex_);
+  return shared_ ? shared_->time(sharedNow()) : clock_.time(timer_.now());
 }
 
-std::string SessionClock::whyNotYours() const {
-  if (clock_.owner() == 0) return "Nobody owns the clock: take it with set clock first.";
-  return "The clock belongs to member " + std::to_string(clock_.owner()) + ": only its owner sets and steps it.";
-}
+wire::Clock SessionClock::now() const { return shared_ ? shared_->state(sharedNow()) : clock_.state(timer_.now()); }
 
 void SessionClock::watchStep() {
+  if (shared_) return;  // its leader does
   const Timer::Time now = timer_.now();
   if (clock_.step() != watchedStep_) {
     watchedStep_ = clock_.step();
@@ -123,26 +165,18 @@ void SessionClock::watchStep() {
 
 void SessionClock::passOverLate() {
   if (timer_.now() >= stepBegan_ + kStepTimeout)
-    for (const std::uint64_t late : std::set(clock_.waitsFor()))
-      passOver(late, "because it was not done within " + std::to_string(kStepTimeout.count()) + " s");
+    for (const std::uint64_t late : std::set(clock_.waitsFor())) {
+      const ClockEffect effect = passOver(clock_, late, whyLate());
+      if (effect.isChanged) changed();
+      sendAll(effect.notices);
+    }
   watchStep();
-}
-
-bool SessionClock::passOver(std::uint64_t camera, const std::string& why) {
-  const std::string notice = "Member " + std::to_string(camera) + " was passed over at step " + std::to_string(clock_.step()) + ", " + why +
-                             "; when it is done with the newest step, steps wait for it again.";
-  if (!clock_.passOver(camera)) return false;
-  changed();
-  for (const std::uint64_t told : {camera, clock_.owner()})
-    if (const auto it = entries_.find(told); it != entries_.end() && it->second.follows) send(it->second, 0, notice);
-  return true;
 }
 
 void SessionClock::note() const {
   if (!observer_) return;
-  const Timer::Time now = timer_.now();
-  const wire::Clock clock = clock_.state(now);
-  observer_->note(now, recording::Clocked{clock.mode, clock.rate, clock.time, clock.owner, clock.step});
+  const wire::Clock clock = now();
+  observer_->note(timer_.now(), recording::Clocked{clock.mode, clock.rate, clock.time, clock.owner, clock.step});
 }
 
 void SessionClock::changed() {
@@ -164,15 +198,121 @@ void SessionClock::notify() {
   if (!all) notifyAlarm_.set(timer_, timer_.now() + kRetry, weak_from_this(), mutex_, &SessionClock::notify);
 }
 
+void SessionClock::sendAll(const std::vector<ClockNotice>& notices) {
+  for (const ClockNotice& notice : notices)
+    if (const auto it = entries_.find(notice.member); it != entries_.end()) send(it->second, 0, notice.sentence);
+}
+
 void SessionClock::send(Entry& entry, std::uint64_t echo, std::string notice) {
   if (!entry.sender) return;  // a recording's member
-  wire::Clock clock = clock_.state(timer_.now());
+  wire::Clock clock = now();
   clock.echo = echo;
   clock.notice = std::move(notice);
   entry.isStale = false;
   const std::shared_ptr<const void> held = std::make_shared<char>();
   entry.waiting = held;
   entry.sender->send(std::move(clock), held);
+}
+
+// ---- shared with other servers ----
+
+void SessionClock::share(std::shared_ptr<bus::Bus> bus, std::string key) {
+  {
+    Lock lock(mutex_);
+    expects(!bus_ && entries_.empty() && !goBack_, "a clock is shared before anybody has it");
+    bus_ = std::move(bus);
+    key_ = std::move(key);
+    shared_.emplace(bus_->server(), clock_.all().mode, sharedNow());
+  }
+  const auto hear = [weak = weak_from_this()](void (SharedClock::*heard)(const std::string&, const SharedClock::Now&)) {
+    return [weak, heard](const std::string& message) {
+      if (const auto self = weak.lock())
+        self->use([&](SharedClock& shared, const SharedClock::Now& now) { (shared.*heard)(message, now); });
+    };
+  };
+  told_ = bus_->hear(key_, hear(&SharedClock::heardTold));
+  calls_ = bus_->hear(key_ + kCalls, hear(&SharedClock::heardCalls));
+  use([](SharedClock&, const SharedClock::Now&) {});
+  setTick();
+}
+
+void SessionClock::end() {
+  Lock lock(mutex_);
+  if (!shared_ || std::exchange(isOver_, true)) return;
+  const bool isLast = shared_->leadsAlone();
+  shared_->end();
+  const SharedClock::News last = shared_->takeNews();
+  lock.unlock();
+  if (isLast) return bus_->drop(key_, shared_->epoch());
+  for (const SharedClock::Wish& wish : last.wishes) carryOut(wish);
+}
+
+SharedClock::Now SessionClock::sharedNow() const {
+  return {timer_.now(), Clock::Instant(std::chrono::microseconds(bus_->now())), bus_->isAway()};
+}
+
+bool SessionClock::refuses(Entry& entry) {
+  if (!bus_->isAway()) return false;
+  send(entry, 0,
+       "The engine that the servers of this world share cannot be reached: until it can, the clock goes on as it is and takes neither "
+       "settings nor steps.");
+  return true;
+}
+
+template <class Use>
+void SessionClock::use(const Use& use) {
+  Lock lock(mutex_);
+  use(*shared_, sharedNow());
+  settle(lock);
+}
+
+void SessionClock::settle(Lock& lock) {
+  SharedClock::News news = shared_->takeNews();
+  if (isOver_) return;
+  if (!news.problem.empty() && std::exchange(problem_, news.problem) != news.problem)
+    logging::warning({.event = "clock"}, key_ + ": " + news.problem);
+  if (news.isChanged) changed();
+  sendAll(news.notices);
+  for (const std::uint64_t camera : news.answered)
+    if (const auto it = entries_.find(camera);
+        it != entries_.end() && !it->second.follows && std::ranges::find(news.notices, camera, &ClockNotice::member) == news.notices.end())
+      send(it->second, 0);
+  for (SharedClock::Wish& wish : news.wishes) wishes_.push_back(std::move(wish));
+  if (std::exchange(isCarryingOut_, true)) return;
+  while (!wishes_.empty()) {  // one thread at a time, so that they keep their order
+    const SharedClock::Wish wish = std::move(wishes_.front());
+    wishes_.pop_front();
+    lock.unlock();
+    carryOut(wish);
+    lock.lock();
+  }
+  isCarryingOut_ = false;
+}
+
+void SessionClock::carryOut(const SharedClock::Wish& wish) {
+  const auto answered = [weak = weak_from_this()](Outcome<bus::Bus::Held> held) {
+    if (const auto self = weak.lock())
+      self->use([&](SharedClock& shared, const SharedClock::Now& now) { shared.answered(std::move(held), now); });
+  };
+  switch (wish.kind) {
+    case SharedClock::Wish::Kind::kHold:
+      return bus_->hold(key_, wish.value, wish.epoch, SharedClock::kLife, answered);
+    case SharedClock::Wish::Kind::kTake:
+      return bus_->take(key_, wish.epoch, answered);
+    case SharedClock::Wish::Kind::kTell:
+      return bus_->tell(key_, wish.value);
+    case SharedClock::Wish::Kind::kCall:
+      return bus_->tell(key_ + kCalls, wish.value);
+  }
+}
+
+void SessionClock::setTick() {
+  timer_.at(timer_.now() + SharedClock::kTick, [weak = weak_from_this()] {
+    const auto self = weak.lock();
+    if (!self) return;
+    self->use([](SharedClock& shared, const SharedClock::Now& now) { shared.tick(now); });
+    self->setTick();
+  });
 }
 
 }  // namespace ridgecast::session

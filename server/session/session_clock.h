@@ -7,23 +7,32 @@
 // A member that is not done with a step kStepTimeout after it began is passed over, as is one that the clock's owner names. That member and
 // the owner get one sentence about it, as does a member whose message to the clock has no effect.
 //
+// The servers of a world share a session's clock (shared_clock.h). What a member says to it then takes effect, and is answered, once the
+// engine has it. While the engine is away, settings and steps are refused with a sentence, and the clock goes on as it is.
+//
 // Setting a recording's clock back starts a successor session at that time; time never runs backwards within a session.
 //
-// Any thread. Messages are handed to the members' senders under a lock; senders do not call back. Bound: one entry a member.
+// Any thread. Messages are handed to the members' senders under a lock; senders do not call back. Bounds: one entry a member, and what
+// shared_clock.h says.
 
 #include <chrono>
 #include <cstdint>
+#include <deque>
 #include <functional>
 #include <map>
 #include <memory>
 #include <mutex>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "common/wire/messages.h"
+#include "server/bus/bus.h"
 #include "server/recording/events.h"
 #include "server/session/clock.h"
+#include "server/session/clock_calls.h"
 #include "server/session/sender.h"
+#include "server/session/shared_clock.h"
 #include "server/session/timer.h"
 
 namespace ridgecast::session {
@@ -31,11 +40,19 @@ namespace ridgecast::session {
 class SessionClock : public std::enable_shared_from_this<SessionClock> {
  public:
   static constexpr std::chrono::milliseconds kRetry{5};  // while the last message to a member has not left
-  static constexpr std::chrono::seconds kStepTimeout{30};
+  static constexpr std::chrono::seconds kStepTimeout = session::kStepTimeout;
 
   // `timer` must outlive this. `mode`: how the clock begins, in real time or stepped. `observer`: told of changes; null: nobody.
   explicit SessionClock(const Timer& timer, wire::ClockMode mode = wire::ClockMode::kRealTime,
                         std::shared_ptr<recording::Observer> observer = {});
+  ~SessionClock();
+  SessionClock(const SessionClock&) = delete;
+  SessionClock& operator=(const SessionClock&) = delete;
+
+  // From now on it is one clock with those of other servers that share this key. Before anybody joins; once, if at all.
+  void share(std::shared_ptr<bus::Bus> bus, std::string key);
+  // The session is over: if no other server has it, the engine forgets the clock.
+  void end();
 
   // The session is a recording: its clock has this time, mode, rate and end. `goBack` is called with the time, in microseconds, that its
   // owner wants to go back to; it does not call back.
@@ -63,20 +80,30 @@ class SessionClock : public std::enable_shared_from_this<SessionClock> {
 
  private:
   struct Entry {
-    std::shared_ptr<Sender> sender;
+    std::shared_ptr<Sender> sender{};
     bool follows = false, hears = false;  // the clock; sentences to all
     bool isStale = false;                 // the last message said another state
-    std::weak_ptr<const void> waiting;    // that message, until it has left
+    std::weak_ptr<const void> waiting{};  // that message, until it has left
   };
 
-  void changed();  // under the lock, as all below
+  using Lock = std::unique_lock<std::mutex>;
+
+  bool refuses(Entry& entry);  // the engine is away, and the member is told; under the lock, as all below
+  wire::Clock now() const;
+  void changed();
   void note() const;
   void notify();
   void send(Entry& entry, std::uint64_t echo, std::string notice = {});
-  std::string whyNotYours() const;
+  void sendAll(const std::vector<ClockNotice>& notices);
   void watchStep();
   void passOverLate();
-  bool passOver(std::uint64_t camera, const std::string& why);  // false: no step waits for it anyway
+  // Shared:
+  SharedClock::Now sharedNow() const;
+  template <class Use>
+  void use(const Use& use);                      // without the lock
+  void settle(Lock& lock);                       // what came of a call to shared_
+  void carryOut(const SharedClock::Wish& wish);  // without the lock
+  void setTick();
 
   const Timer& timer_;
   const std::shared_ptr<recording::Observer> observer_;
@@ -87,6 +114,13 @@ class SessionClock : public std::enable_shared_from_this<SessionClock> {
   std::function<void(std::uint64_t time)> goBack_;  // of a recording
   std::uint64_t watchedStep_ = 0;
   Timer::Time stepBegan_{};  // that one
+
+  std::shared_ptr<bus::Bus> bus_;  // null: nothing is shared, and clock_ is the clock
+  std::string key_, problem_;      // the last that was logged
+  std::optional<SharedClock> shared_;
+  std::deque<SharedClock::Wish> wishes_;
+  bool isCarryingOut_ = false, isOver_ = false;
+  bus::Subscription told_, calls_;
 };
 
 }  // namespace ridgecast::session
