@@ -18,26 +18,31 @@
 #include "server/logging/logging.h"
 #include "server/playback/playback.h"
 #include "server/recording/paths.h"
+#include "server/recording/reader.h"
+#include "server/recording/records.h"
 #include "server/recording/replay.h"
 #include "server/scheduling/pool.h"
 
 namespace ridgecast {
 namespace {
 
-using Parts = std::vector<std::filesystem::path>;
+using recording::Parts;
+using Recordings = std::vector<Parts>;  // of one session
 
-constexpr const char* kHelp = R"(Usage: ridgecast-server replay FILE|DIR [OPTIONS] [SETTINGS]
+constexpr const char* kHelp = R"(Usage: ridgecast-server replay FILE|DIR... [OPTIONS] [SETTINGS]
 
 Repeats what ridgecast-server --record DIR recorded: makes every camera's meshes again from their inputs, and compares each with the
 recorded one by its hash.
 
   FILE           a part, NAME.0001.recording, and those after it
   DIR            all recordings in it
+  several        One recording each: those that several servers made of one session, which is repeated as one. Its edits and its clock are
+                 the same in all
   --from TIME    Compare from this time, in seconds of the recording. A mesh has a history, so each camera that is still there at that
                  time is repeated from where it joined
   --until TIME   End there
   --export DIR   Instead, write each camera's flight as a path for ridgecast-client fly --path
-  --serve        Instead, play one recording in real time to onlookers who join the default session: its members fly and the ground
+  --serve        Instead, play one session in real time to onlookers who join the default session: its members fly and the ground
                  changes as recorded. The session's clock (V in window and page) pauses it, changes its speed and goes to any time;
                  --from says where it begins
   --threads N    Threads; 0, the default: one for each core. They change nothing but the time it takes
@@ -77,28 +82,29 @@ Outcome<std::shared_ptr<const terrain::Terrain>> terrainOf(const recording::Worl
   return terrain;
 }
 
-void tellCutOff(const Parts& parts) {
-  std::cerr << parts.back().string() << ": its last block was not written in whole; it ends before that.\n";
+void tellCutOff(const Recordings& recordings) {
+  std::cerr << recordings.back().back().string() << (recordings.size() > 1 ? ", or another" : "")
+            << ": its last block was not written in whole; it ends before that.\n";
 }
 
-int exportAll(const std::vector<Parts>& recordings, const Options& options) {
+int exportAll(const std::vector<Recordings>& sessions, const Options& options) {
   std::size_t files = 0;
   int status = 0;
-  for (const Parts& parts : recordings) {
-    const auto written = recording::exportPaths(parts, options.paths, options.span);
+  for (const Recordings& recordings : sessions) {
+    const auto written = recording::exportPaths(recordings, options.paths, options.span);
     if (!written) return refuse(1, written.error().message);
     files += written->files;
-    if (written->wasCutOff) tellCutOff(parts);
+    if (written->wasCutOff) tellCutOff(recordings);
     if (!written->damage.empty()) status = refuse(1, written->damage);
   }
   std::cout << count(files, "path") << " in " << options.paths.string() << "\n";
   return status;
 }
 
-int play(const std::vector<Parts>& recordings, config::Config config, const Options& options, const Serve& serve) {
-  if (recordings.size() != 1)
-    return refuse(2, "There are " + count(recordings.size(), "recording") + "; --serve takes one: name its first part.");
-  auto reader = recording::Reader::open(recordings[0]);
+int play(const std::vector<Recordings>& sessions, config::Config config, const Options& options, const Serve& serve) {
+  if (sessions.size() != 1)
+    return refuse(2, "There are " + count(sessions.size(), "recording") + "; --serve takes one: name its first part.");
+  auto reader = recording::openRecords(sessions[0]);
   if (!reader) return refuse(2, reader.error().message);
   const recording::World& world = (*reader)->world();
   if (auto terrain = terrainOf(world, config.terrain); !terrain) return refuse(2, terrain.error().message);
@@ -110,26 +116,27 @@ int play(const std::vector<Parts>& recordings, config::Config config, const Opti
   config.shared = {};
   config.watch = false;
   return serve(config, [&](directory::Directory& directory) -> Outcome<StartServing> {
-    auto begun = playback::Playback::begin(recordings[0], directory, directory.find(directory::kDefaultName), options.span.from);
+    auto begun = playback::Playback::begin(sessions[0], directory, directory.find(directory::kDefaultName), options.span.from);
     if (!begun) return begun.error();
     return StartServing([playback = std::shared_ptr(std::move(*begun))](const auto& sendAway) { playback->start(sendAway); });
   });
 }
 
 // Adds to `all`. The exit status.
-int repeat(const Parts& parts, const config::Config& config, const Options& options, scheduling::Executor& executor,
+int repeat(const Recordings& recordings, const config::Config& config, const Options& options, scheduling::Executor& executor,
            recording::Summary& all) {
-  auto reader = recording::Reader::open(parts);
+  auto reader = recording::openRecords(recordings);
   if (!reader) return refuse(2, reader.error().message);
+  const std::string first = recordings.front().front().string();
   const std::string session = (*reader)->world().session;
   auto terrain = terrainOf((*reader)->world(), config.terrain);
   if (!terrain) return refuse(2, terrain.error().message);
   reader->reset();
-  const auto summary = recording::replay(parts, std::move(*terrain), executor, options.span);
-  if (!summary) return refuse(1, parts.front().string() + ": " + summary.error().message);
-  if (summary->wasCutOff) tellCutOff(parts);
+  const auto summary = recording::replay(recordings, std::move(*terrain), executor, options.span);
+  if (!summary) return refuse(1, first + ": " + summary.error().message);
+  if (summary->wasCutOff) tellCutOff(recordings);
   if (summary->unknown > 0)
-    std::cerr << parts.front().string() << ": " << count(summary->unknown, "iteration")
+    std::cerr << first << ": " << count(summary->unknown, "iteration")
               << " of cameras that joined in an earlier part cannot be repeated.\n";
   all.cameras += summary->cameras;
   all.iterations += summary->iterations;
@@ -137,23 +144,23 @@ int repeat(const Parts& parts, const config::Config& config, const Options& opti
   all.edits += summary->edits;
   all.questions += summary->questions;
   all.seconds += std::max(0.0, summary->seconds - options.span.from);
-  if (const auto& first = summary->first) {
-    std::cout << "Session " << session << ", camera " << first->camera << ", iteration " << first->iteration << " at "
-              << text::rounded(first->seconds, 9) << " s differs: the recorded hash is " << text::hexadecimal(first->recorded)
-              << ", the repeated one " << text::hexadecimal(first->repeated) << ".\n";
+  if (const auto& difference = summary->first) {
+    std::cout << "Session " << session << ", camera " << difference->camera << ", iteration " << difference->iteration << " at "
+              << text::rounded(difference->seconds, 9) << " s differs: the recorded hash is " << text::hexadecimal(difference->recorded)
+              << ", the repeated one " << text::hexadecimal(difference->repeated) << ".\n";
     return 1;
   }
   return summary->damage.empty() ? 0 : refuse(1, summary->damage);
 }
 
-int repeatAll(const std::vector<Parts>& recordings, const config::Config& config, const Options& options) {
+int repeatAll(const std::vector<Recordings>& sessions, const config::Config& config, const Options& options) {
   scheduling::Executor executor(config.threads);
   recording::Summary all;
   const auto start = std::chrono::steady_clock::now();
-  for (const Parts& parts : recordings)
-    if (const int status = repeat(parts, config, options, executor, all)) return status;
+  for (const Recordings& recordings : sessions)
+    if (const int status = repeat(recordings, config, options, executor, all)) return status;
   const double took = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-  std::cout << count(recordings.size(), "session") << ", " << count(all.cameras, "camera") << ", " << count(all.iterations, "iteration")
+  std::cout << count(sessions.size(), "session") << ", " << count(all.cameras, "camera") << ", " << count(all.iterations, "iteration")
             << ", all equal; " << count(all.edits, "edit") << ", " << count(all.questions, "question") << "; ";
   if (all.before > 0) std::cout << count(all.before, "iteration") << " repeated before that; ";
   std::cout << text::rounded(all.seconds, 4) << " s in " << text::rounded(took, 3) << " s, " << text::rounded(all.seconds / took, 3)
@@ -191,6 +198,25 @@ Outcome<Options> takeOptions(std::vector<const char*>& arguments) {
   return options;
 }
 
+// What the arguments name. Several: one recording each, of one session.
+Outcome<std::vector<Recordings>> sessionsAt(const std::vector<const char*>& paths) {
+  std::vector<Recordings> sessions;
+  Recordings merged;
+  for (const char* path : paths) {
+    auto found = recording::recordingsAt(path);
+    if (!found) return found.error();
+    if (paths.size() == 1)
+      for (Parts& parts : *found) sessions.push_back({std::move(parts)});
+    else if (found->size() > 1)
+      return Error{"There are " + count(found->size(), "recording") + " in '" + path +
+                   "': of several servers' recordings of one session, name the first part of each."};
+    else
+      merged.push_back(std::move(found->front()));
+  }
+  if (!merged.empty()) sessions.push_back(std::move(merged));
+  return sessions;
+}
+
 }  // namespace
 
 int runReplayCommand(int argc, const char* const* argv, const char* const* environment, const Serve& serve) {
@@ -198,17 +224,18 @@ int runReplayCommand(int argc, const char* const* argv, const char* const* envir
     return std::cout << kHelp << std::flush ? 0 : 1;
   if (argc < 2 || std::string_view(argv[1]).starts_with("-"))
     return refuse(2, "Say which recording: ridgecast-server replay FILE or DIR; see --help.");
+  const char* const* const firstOption = std::find_if(argv + 1, argv + argc, [](std::string_view a) { return a.starts_with("-"); });
   std::vector<const char*> settings{argv[0]};
-  settings.insert(settings.end(), argv + 2, argv + argc);
+  settings.insert(settings.end(), firstOption, argv + argc);
   const auto options = takeOptions(settings);
   if (!options) return refuse(2, options.error().message);
   const config::Parsed parsed = config::parse(static_cast<int>(settings.size()), settings.data(), environment);
   if (!parsed.config) return parsed.status;
-  const auto recordings = recording::recordingsAt(argv[1]);
-  if (!recordings) return refuse(2, recordings.error().message);
-  if (options->serves) return play(*recordings, *parsed.config, *options, serve);
+  const auto sessions = sessionsAt({argv + 1, firstOption});
+  if (!sessions) return refuse(2, sessions.error().message);
+  if (options->serves) return play(*sessions, *parsed.config, *options, serve);
   logging::setUp(parsed.config->logFormat, logging::Level::kWarning);
-  return options->paths.empty() ? repeatAll(*recordings, *parsed.config, *options) : exportAll(*recordings, *options);
+  return options->paths.empty() ? repeatAll(*sessions, *parsed.config, *options) : exportAll(*sessions, *options);
 }
 
 }  // namespace ridgecast

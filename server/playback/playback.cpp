@@ -14,7 +14,7 @@
 #include "common/outcome/contract.h"
 #include "common/wire/wire.h"
 #include "server/logging/logging.h"
-#include "server/recording/reader.h"
+#include "server/recording/records.h"
 
 namespace ridgecast::playback {
 
@@ -29,7 +29,7 @@ constexpr std::size_t kMaxEdits = session::Edits::kMaxWaiting / 2;  // under way
 }  // namespace
 
 struct Playback::State {
-  std::vector<std::filesystem::path> parts;
+  std::vector<Parts> recordings;
   directory::Directory* directory = nullptr;
   SendAway sendAway;
   std::shared_ptr<session::Session> session;
@@ -37,7 +37,7 @@ struct Playback::State {
   // The time that somebody wants to go back to, microseconds; 0: nobody does.
   std::shared_ptr<std::atomic<std::uint64_t>> backTo = std::make_shared<std::atomic<std::uint64_t>>(0);
   // Of this session.
-  std::unique_ptr<Reader> reader;
+  std::unique_ptr<Records> reader;
   std::optional<Record> next;
   std::shared_ptr<std::atomic<std::size_t>> openEdits;
   std::map<std::uint64_t, std::uint64_t> poses;  // the last sequence, of members
@@ -57,7 +57,7 @@ struct Playback::State {
     }
   }
 
-  void begin(std::unique_ptr<Reader> begun) {
+  void begin(std::unique_ptr<Records> begun) {
     reader = std::move(begun);
     next = reader->next();
     openEdits = std::make_shared<std::atomic<std::size_t>>(0);
@@ -69,7 +69,7 @@ struct Playback::State {
   }
 
   void goBack(std::uint64_t time) {
-    auto begun = Reader::open(parts);
+    auto begun = openRecords(recordings);
     if (!begun) return logging::warning({.session = session->name()}, begun.error().message);
     wire::Clock clock = session->clock().state();
     clock.time = time;
@@ -123,22 +123,22 @@ struct Playback::State {
 Playback::Playback(std::unique_ptr<State> state) : state_(std::move(state)) {}
 Playback::~Playback() = default;
 
-Outcome<std::unique_ptr<Playback>> Playback::begin(const std::vector<std::filesystem::path>& parts, directory::Directory& directory,
+Outcome<std::unique_ptr<Playback>> Playback::begin(const std::vector<Parts>& recordings, directory::Directory& directory,
                                                    std::shared_ptr<session::Session> session, double from) {
   expects(session && from >= 0, "a recording plays in a session, from its start or later");
   std::uint64_t last = 0;
-  auto scanned = Reader::open(parts);
+  auto scanned = openRecords(recordings);
   if (!scanned) return scanned.error();
   while (const auto record = (*scanned)->next())
     if (const auto* joined = std::get_if<Joined>(&record->event)) last = std::max(last, joined->camera);
   directory.startCameraIdsAfter(last);
-  auto reader = Reader::open(parts);
+  auto reader = openRecords(recordings);
   if (!reader) return reader.error();
   wire::Clock clock;
   clock.end = std::max<std::uint64_t>(1, static_cast<std::uint64_t>(std::llround((*scanned)->seconds() * 1e6)));
   clock.time = static_cast<std::uint64_t>(std::min(from * 1e6, static_cast<double>(clock.end)));
   auto state = std::make_unique<State>();
-  state->parts = parts;
+  state->recordings = recordings;
   state->directory = &directory;
   state->terrain = session->terrain();
   state->session = std::move(session);

@@ -6,13 +6,13 @@
 // recording from there in a successor of the session (Directory::replace), to which the members are sent. Onlookers have numbers and
 // cameras of their own. Meshes are not recomputed: the members' poses are those of their iterations.
 
-#include <filesystem>
 #include <functional>
 #include <memory>
 #include <vector>
 
 #include "common/outcome/outcome.h"
 #include "server/directory/directory.h"
+#include "server/recording/records.h"
 #include "server/session/session.h"
 
 namespace ridgecast::playback {
@@ -21,10 +21,10 @@ class Playback {
  public:
   using SendAway = std::function<void(const session::Session&)>;  // the members of this session, which has a successor
 
-  // Before anybody can enter: reads the recording once, which may take seconds, and sets the clock. `session`: a new one of the recording's
+  // `recordings` as of recording::openRecords. Before anybody can enter: reads them once, which may take seconds, and sets the clock. `session`: a new one of the recording's
   // world, in `directory`, where nobody else makes edits; onlookers get the numbers after those of the recording. Starts at `from`, in
   // seconds of the recording. The arguments must outlive this. Error: one sentence: the recording cannot be read.
-  static Outcome<std::unique_ptr<Playback>> begin(const std::vector<std::filesystem::path>& parts, directory::Directory& directory,
+  static Outcome<std::unique_ptr<Playback>> begin(const std::vector<recording::Parts>& recordings, directory::Directory& directory,
                                                   std::shared_ptr<session::Session> session, double from);
   ~Playback();
   void start(SendAway sendAway);  // plays from now on; once

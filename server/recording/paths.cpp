@@ -7,6 +7,8 @@
 #include <string>
 #include <system_error>
 
+#include "server/recording/reader.h"
+
 namespace ridgecast::recording {
 
 namespace {
@@ -88,14 +90,15 @@ class Export {
 
 }  // namespace
 
-Outcome<Exported> exportPaths(const std::vector<std::filesystem::path>& parts, const std::filesystem::path& folder, const Span& span) {
-  auto reader = Reader::open(parts);
+Outcome<Exported> exportPaths(const std::vector<Parts>& recordings, const std::filesystem::path& folder, const Span& span) {
+  auto reader = openRecords(recordings);
   if (!reader) return reader.error();
   std::error_code failed;
   std::filesystem::create_directories(folder, failed);
   if (failed) return Error{"Cannot make the folder '" + folder.string() + "': " + failed.message() + "."};
-  const auto name = nameOf(parts.front());
-  Export paths((*reader)->world(), folder, name ? name->first : parts.front().stem().string());
+  const std::filesystem::path& first = recordings.front().front();
+  const auto name = nameOf(first);
+  Export paths((*reader)->world(), folder, name ? name->first : first.stem().string());
   while (const auto record = (*reader)->next()) {
     const double seconds = static_cast<double>(record->time) / 1e6;
     if (seconds > span.until) break;

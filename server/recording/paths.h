@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "common/outcome/outcome.h"
+#include "server/recording/records.h"
 #include "server/recording/replay.h"
 
 namespace ridgecast::recording {
@@ -18,12 +19,12 @@ inline constexpr std::size_t kMaxKeyframes = 8000;  // of a path's 10,000, so th
 
 struct Exported {
   std::size_t files = 0;
-  std::string damage{};  // Reader::damage(): they end there
+  std::string damage{};  // Records::damage(): they end there
   bool wasCutOff = false;
 };
 
-// Writes NAME.camera-3.json, NAME.camera-3.2.json, ... into a folder; NAME is the recording's. Error: one sentence. Bound: kMaxKeyframes
+// Writes NAME.camera-3.json, NAME.camera-3.2.json, ... into a folder; NAME is the first recording's. Error: one sentence. Bound: kMaxKeyframes
 // of each camera at a time.
-Outcome<Exported> exportPaths(const std::vector<std::filesystem::path>& parts, const std::filesystem::path& folder, const Span& span);
+Outcome<Exported> exportPaths(const std::vector<Parts>& recordings, const std::filesystem::path& folder, const Span& span);
 
 }  // namespace ridgecast::recording

@@ -32,18 +32,18 @@ std::optional<std::pair<std::string, unsigned>> nameOf(const fs::path& file) {
   return std::pair(name.substr(0, dot), *part);
 }
 
-Outcome<std::vector<std::vector<fs::path>>> recordingsAt(const fs::path& path) {
+Outcome<std::vector<Parts>> recordingsAt(const fs::path& path) {
   std::error_code failed;
   const bool isFolder = fs::is_directory(path, failed);
   if (!isFolder && !fs::exists(path, failed)) return Error{"There is no file or folder '" + path.string() + "'."};
   const auto own = isFolder ? std::nullopt : nameOf(path);
-  if (!isFolder && !own) return std::vector<std::vector<fs::path>>(1, std::vector<fs::path>(1, path));  // whatever its name is
+  if (!isFolder && !own) return std::vector<Parts>(1, Parts(1, path));  // whatever its name is
   std::map<std::string, std::map<unsigned, fs::path>> found;
   for (const auto& entry : fs::directory_iterator(isFolder ? path : path.has_parent_path() ? path.parent_path() : ".", failed))
     if (auto name = nameOf(entry.path());
         name && name->second != kEditsPart && (!own || (name->first == own->first && name->second >= own->second)))
       found[name->first][name->second] = entry.path();
-  std::vector<std::vector<fs::path>> out;
+  std::vector<Parts> out;
   for (auto& [name, parts] : found) {
     auto& files = out.emplace_back();
     for (auto& [number, file] : parts) files.push_back(std::move(file));
@@ -113,10 +113,10 @@ struct Reader::Part {
   std::span<const std::uint8_t> block;
 };
 
-Reader::Reader(std::vector<fs::path> parts) : parts_(std::move(parts)) {}
+Reader::Reader(Parts parts) : parts_(std::move(parts)) {}
 Reader::~Reader() = default;
 
-Outcome<std::unique_ptr<Reader>> Reader::open(std::vector<fs::path> parts) {
+Outcome<std::unique_ptr<Reader>> Reader::open(Parts parts) {
   const std::string first = parts.front().string();
   std::unique_ptr<Reader> reader(new Reader(std::move(parts)));
   if (!reader->openNext()) return Error{"Cannot read '" + first + "'."};

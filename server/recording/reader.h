@@ -16,6 +16,7 @@
 
 #include "common/outcome/outcome.h"
 #include "server/recording/format.h"
+#include "server/recording/records.h"
 
 namespace ridgecast::recording {
 
@@ -30,7 +31,7 @@ std::optional<std::pair<std::string, unsigned>> nameOf(const std::filesystem::pa
 
 // The recordings at a path: of a part, it and those after it; of a folder, each recording in it with all its parts, by name. Error: one
 // sentence: no such file, or no recording there.
-Outcome<std::vector<std::vector<std::filesystem::path>>> recordingsAt(const std::filesystem::path& path);
+Outcome<std::vector<Parts>> recordingsAt(const std::filesystem::path& path);
 
 // The content of a part, frame by frame. Memory: kMaxBlockBytes and what zstd needs for that.
 class Blocks {
@@ -51,29 +52,27 @@ class Blocks {
   bool wasCutOff_ = false;
 };
 
-// Not thread-safe.
-class Reader {
+// Of one recording.
+class Reader final : public Records {
  public:
   // Error: one sentence: the first part cannot be read, or is no recording.
-  static Outcome<std::unique_ptr<Reader>> open(std::vector<std::filesystem::path> parts);
-  ~Reader();
+  static Outcome<std::unique_ptr<Reader>> open(Parts parts);
+  ~Reader() override;
 
-  const World& world() const { return world_; }
-  // The next record, without what a later part repeats of the earlier ones. Nothing: the end.
-  std::optional<Record> next();
-  // Why the recording ends before its files do, in one sentence with the time; empty: it does not. An incomplete last block is not damage,
-  // nor is a last part that was only begun: wasCutOff().
-  const std::string& damage() const { return damage_; }
-  bool wasCutOff() const { return wasCutOff_; }
-  double seconds() const { return static_cast<double>(time_) / 1e6; }  // of the last record
+  const World& world() const override { return world_; }
+  // Without what a later part repeats of the earlier ones.
+  std::optional<Record> next() override;
+  const std::string& damage() const override { return damage_; }
+  bool wasCutOff() const override { return wasCutOff_; }
+  double seconds() const override { return static_cast<double>(time_) / 1e6; }
 
  private:
   struct Part;
-  explicit Reader(std::vector<std::filesystem::path> parts);
+  explicit Reader(Parts parts);
   bool openNext();
   Outcome<Record> nextKept();  // of the file of edits
 
-  std::vector<std::filesystem::path> parts_;
+  Parts parts_;
   std::size_t opened_ = 0;
   std::unique_ptr<Part> part_;
   std::unique_ptr<Part> kept_;  // while its edits up to `keptUntil_` are read

@@ -132,7 +132,7 @@ class Replaying {
     grounds_.push_back(std::move(terrain));
   }
 
-  Outcome<Summary> run(Reader& reader) {
+  Outcome<Summary> run(Records& reader) {
     while (auto record = reader.next()) {
       const double seconds = static_cast<double>(record->time) / 1e6;
       if (seconds > span_.until) break;
@@ -254,7 +254,7 @@ class Replaying {
 };
 
 // The lives that end before a time, by the number of their beginning.
-std::set<std::uint64_t> endedBefore(Reader& reader, double seconds) {
+std::set<std::uint64_t> endedBefore(Records& reader, double seconds) {
   std::set<std::uint64_t> out;
   std::map<std::uint64_t, std::uint64_t> live;
   std::uint64_t lives = 0;
@@ -269,15 +269,15 @@ std::set<std::uint64_t> endedBefore(Reader& reader, double seconds) {
 
 }  // namespace
 
-Outcome<Summary> replay(const std::vector<std::filesystem::path>& parts, std::shared_ptr<const terrain::Terrain> terrain,
+Outcome<Summary> replay(const std::vector<Parts>& recordings, std::shared_ptr<const terrain::Terrain> terrain,
                         scheduling::Executor& executor, const Span& span) {
   std::set<std::uint64_t> skipped;
   if (span.from > 0) {
-    auto scanned = Reader::open(parts);
+    auto scanned = openRecords(recordings);
     if (!scanned) return scanned.error();
     skipped = endedBefore(**scanned, span.from);
   }
-  auto reader = Reader::open(parts);
+  auto reader = openRecords(recordings);
   if (!reader) return reader.error();
   auto summary = Replaying(std::move(terrain), executor, span, std::move(skipped)).run(**reader);
   if (summary) {

@@ -9,7 +9,6 @@
 // iterations are counted as unknown.
 
 #include <cstdint>
-#include <filesystem>
 #include <limits>
 #include <memory>
 #include <optional>
@@ -18,7 +17,7 @@
 
 #include "common/outcome/outcome.h"
 #include "common/terrain/terrain.h"
-#include "server/recording/reader.h"
+#include "server/recording/records.h"
 #include "server/scheduling/pool.h"
 
 namespace ridgecast::recording {
@@ -41,15 +40,15 @@ struct Summary {
   std::uint64_t edits = 0, questions = 0;
   double seconds = 0;               // of the last record that was read
   std::optional<Difference> first;  // in the order of the recording
-  std::string damage{};             // Reader::damage()
+  std::string damage{};             // Records::damage()
   bool wasCutOff = false;
 };
 
 inline constexpr std::size_t kMaxQueued = 4096;
 
-// `parts` as of Reader::open; `terrain` is the recording's: checkTerrain. Ends at the first difference. Error: one sentence: a file cannot
+// `recordings` as of openRecords; `terrain` is the recording's: checkTerrain. Ends at the first difference. Error: one sentence: a file cannot
 // be read, or its content makes no sense. Memory: a mesh for each camera that lives, and at most kMaxQueued iterations that wait.
-Outcome<Summary> replay(const std::vector<std::filesystem::path>& parts, std::shared_ptr<const terrain::Terrain> terrain,
+Outcome<Summary> replay(const std::vector<Parts>& recordings, std::shared_ptr<const terrain::Terrain> terrain,
                         scheduling::Executor& executor, const Span& span);
 
 // Error: one sentence, if the terrain has another content than the recorded one.

@@ -125,7 +125,7 @@ class RecordingTest : public LoopbackTest {
   }
   recording::Summary replay(const Parts& of, unsigned threads, const recording::Span& span = {}) {
     scheduling::Executor own(threads);
-    const auto summary = recording::replay(of, base, own, span);
+    const auto summary = recording::replay({of}, base, own, span);
     EXPECT_TRUE(summary) << summary.error().message;
     return summary ? *summary : recording::Summary{};
   }
@@ -217,7 +217,7 @@ TEST_F(RecordingTest, ContentThatMakesNoSenseIsRefused) {
   const std::vector<Record> records = read(parts("default"));
   const auto refusal = [&](const std::vector<Record>& changed) {
     scheduling::Executor own(2);
-    const auto summary = recording::replay(write(changed), base, own, {});
+    const auto summary = recording::replay({write(changed)}, base, own, {});
     return summary ? std::string() : summary.error().message;
   };
   std::vector<Record> missing = records, hungry = records;
