@@ -85,7 +85,7 @@ class Replica {
   // Requires hasRoom(). A leaf with unchanged content is not sent, even if its version is newer.
   Changes send(std::span<const mesh::LeafState> leaves);
 
-  // Whether send() would carry anything.
+  // Whether send() would carry anything, if only that the client keeps what it has not named.
   bool differs(std::span<const mesh::LeafState> leaves) const;
 
   // The client has applied every iteration up to `iteration` and now holds `meshHash`. Frees the window up to there. kNeverSent and
