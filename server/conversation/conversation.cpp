@@ -135,8 +135,9 @@ Conversation::Refusal Conversation::take(const wire::Resume& resume) {
     return ErrorMessage{ErrorCode::kMalformed, "A resume came after a pose; it belongs between hello and the first pose."};
   if (resume.meshHash != 0) {
     if (hello_.points && resume.leaves.empty() && replica_.resume(resume.meshHash)) return {};
-    return ErrorMessage{ErrorCode::kInvalid, "A resume says the hash of leaves that it does not name: only a client that follows points may, "
-                                             "once, and without naming others."};
+    return ErrorMessage{ErrorCode::kInvalid,
+                        "A resume says the hash of leaves that it does not name: only a client that follows points may, "
+                        "once, and without naming others."};
   }
   if (!replica_.resume(resume.leaves))
     return ErrorMessage{ErrorCode::kInvalid, "A resume names a leaf twice, or more than " + std::to_string(wire::kMaxResumed) + " in all."};

@@ -155,7 +155,7 @@ class Conversation {
   bool atRest_ = true;                        // nothing to do before another pose
   bool groundIsNew_ = false;                  // since the last iteration
   bool awaitsCheckpoint_ = false, leaves_ = false;
-  int unsent_ = 0;                            // iterations before the first one sent to a reconnecting client
+  int unsent_ = 0;  // iterations before the first one sent to a reconnecting client
   std::uint64_t mismatches_ = 0;
   replica::Replica replica_;
   ByteRate byteRate_;

@@ -152,7 +152,8 @@ std::vector<std::int32_t> heightsAt(const terrain::Terrain& ground, std::span<co
 
 // f(vertex, base, level of its square)
 template <class F>
-void forEachVertex(std::span<const points::Change> squares, std::vector<StoredVertex>& vertices, std::span<const std::int32_t> bases, F&& f) {
+void forEachVertex(std::span<const points::Change> squares, std::vector<StoredVertex>& vertices, std::span<const std::int32_t> bases,
+                   F&& f) {
   std::size_t k = 0;
   for (const points::Change& square : squares)
     for (std::size_t n = 0; n < square.inserted.size(); ++n, ++k) f(vertices[k], bases[k], square.square.level);
@@ -177,7 +178,9 @@ std::optional<std::string> encode(const Checkpoint& checkpoint, const terrain::T
     squares.back().inserted.push_back({static_cast<std::int32_t>(v.at.x - square.x()), static_cast<std::int32_t>(v.at.z - square.z())});
   }
   points::Writer writer(places);
-  expects(writer.changes({leaves, leaves, {}}, [](const LeafAddress&) { return 0u; }, squares), "vertices come in their order");
+  expects(writer.changes(
+              {leaves, leaves, {}}, [](const LeafAddress&) { return 0u; }, squares),
+          "vertices come in their order");
   writer.finish();
 
   std::vector<StoredVertex> vertices = checkpoint.mesh.vertices;
@@ -189,8 +192,8 @@ std::optional<std::string> encode(const Checkpoint& checkpoint, const terrain::T
 
   if (kHead + tree.size() + places.size() + heights.size() + kTail > kMaxBytes) return {};
   std::vector<std::uint8_t> out{kForm};
-  for (std::uint64_t v : {checkpoint.contentHash, checkpoint.edit, checkpoint.meshHash,
-                          std::bit_cast<std::uint64_t>(checkpoint.mesh.effectiveThreshold)})
+  for (std::uint64_t v :
+       {checkpoint.contentHash, checkpoint.edit, checkpoint.meshHash, std::bit_cast<std::uint64_t>(checkpoint.mesh.effectiveThreshold)})
     put(out, v, 8);
   put(out, tree.size(), 4);
   put(out, places.size(), 4);
@@ -219,7 +222,9 @@ Outcome<Checkpoint> decode(std::string_view bytes, std::uint64_t contentHash, co
   if (!codeLeaves(treeCoder, out.mesh.leaves) || !treeCoder.finished()) return damaged;
   points::Reader reader(rest.subspan(treeBytes, placeBytes));
   std::vector<points::Change> squares;
-  if (!reader.changes({out.mesh.leaves, out.mesh.leaves, {}}, [](const LeafAddress&) { return 0u; }, squares) || !reader.finished())
+  if (!reader.changes(
+          {out.mesh.leaves, out.mesh.leaves, {}}, [](const LeafAddress&) { return 0u; }, squares) ||
+      !reader.finished())
     return damaged;
   std::size_t count = 0;
   for (const points::Change& square : squares) count += square.inserted.size();

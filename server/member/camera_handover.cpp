@@ -21,7 +21,6 @@ std::string recordOf(const std::string& key) {
   return name;
 }
 
-
 // Whether its mesh can go to another server, or come from one.
 bool movesTo(const session::Session& session, const wire::Hello& hello) {
   return session.resources().bus->server() != 0 && hello.points && hello.pacing == wire::Pacing::kFree && !session.observer();
@@ -72,7 +71,8 @@ void CameraSession::workOnHandOver() {
     bytes = handover::encode(checkpoint, *task_.ground.terrain);
   }
   if (!bytes) return done();
-  session_->resources().bus->hold(recordOf(key_), std::move(*bytes), 0, kCheckpointLife, [done](const Outcome<bus::Bus::Held>&) { done(); });
+  session_->resources().bus->hold(recordOf(key_), std::move(*bytes), 0, kCheckpointLife,
+                                  [done](const Outcome<bus::Bus::Held>&) { done(); });
 }
 
 // A record of ours in its place expires soon.

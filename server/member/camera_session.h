@@ -115,9 +115,9 @@ class CameraSession final : public session::LiveCamera, public std::enable_share
     session::Alarm alarm;
   } watched_;
   CameraFigures figures_;
-  std::vector<session::TakeCopy> copies_;        // requested
-  std::string key_;                              // of this camera's checkpoint; empty: its mesh is not handed over
-  std::function<void()> handOver_;               // requested
+  std::vector<session::TakeCopy> copies_;  // requested
+  std::string key_;                        // of this camera's checkpoint; empty: its mesh is not handed over
+  std::function<void()> handOver_;         // requested
   struct {
     std::string key;         // to be looked up; empty: it was
     std::string checkpoint;  // found

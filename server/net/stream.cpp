@@ -371,7 +371,7 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
   std::shared_ptr<member::CameraSession> camera_;
   beast::flat_buffer buffer_;
   bool greeted_ = false;
-  std::deque<Outgoing> out_;  // at most kMaxQueuedMessages; the first is being written while writing_
+  std::deque<Outgoing> out_;                   // at most kMaxQueuedMessages; the first is being written while writing_
   bool writing_ = false, keepsQueue_ = false;  // keepsQueue_: the last message comes after all others
   websocket::close_reason reason_;
   std::shared_ptr<Traffic> traffic_ = std::make_shared<Traffic>();

@@ -237,10 +237,10 @@ bool Quadtree::restore(const std::vector<LeafAddress>& leaves) {
   std::size_t count = held_.size();
   for (const Node& node : nodes_) count += node.children >= 0 ? 3 : 0;
   return count == leaves.size() && std::ranges::all_of(leaves, [this](LeafAddress leaf) {
-    bool isBalanced = isLeaf(leaf);
-    forEachTouching(leaf, [&](const Place& other) { isBalanced = isBalanced && std::abs(other.level - leaf.level) <= 1; });
-    return isBalanced;
-  });
+           bool isBalanced = isLeaf(leaf);
+           forEachTouching(leaf, [&](const Place& other) { isBalanced = isBalanced && std::abs(other.level - leaf.level) <= 1; });
+           return isBalanced;
+         });
 }
 
 void Quadtree::setTag(LeafAddress leaf, std::uint32_t tag) {

@@ -122,7 +122,7 @@ class Replica {
   std::uint64_t judgedAfter_ = 0;  // iterations up to this one were sent before a repair
   std::uint64_t meshHash_ = 0;
   std::uint64_t unnamed_ = 0;  // hash of leaves that the client holds and has not named; 0: none
-  int repairs_ = 0;  // since hashes last agreed
+  int repairs_ = 0;            // since hashes last agreed
   bool owes_ = false;
 };
 

@@ -171,7 +171,9 @@ Report resume(const Options& options) {
     add("handover_bytes", bytes - undisturbed);
     add("handover_share_of_start", (bytes - undisturbed) / start, "");
   }
-  report.note("default settings; a flight of 10 s, then: start and anew to rest at its last pose, the handover against the same flight without one");
+  report.note(
+      "default settings; a flight of 10 s, then: start and anew to rest at its last pose, the handover against the same flight without "
+      "one");
   return report;
 }
 

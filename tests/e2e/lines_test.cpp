@@ -192,7 +192,8 @@ TEST_F(Neighbours, LiarsAreSentAwayAndTheOthersKeepTheirRate) {
       ASSERT_TRUE(liars.back()->upgrade());
       liars.back()->message(helloMessage());
       if (k == 2)
-        liars.back()->message(wire::encode(wire::ClientMessage(wire::Resume{{{{0, 1, 2}, 77}, {{5, 0, 0}, 78}}, {}, 0})));  // holds none of it
+        liars.back()->message(
+            wire::encode(wire::ClientMessage(wire::Resume{{{{0, 1, 2}, 77}, {{5, 0, 0}, 78}}, {}, 0})));  // holds none of it
       liars.back()->message(poseMessage(1));
     }
     during += fly(1s) / 4;

@@ -69,7 +69,9 @@ class Guests {
     const auto end = Clock::now() + time;
     return fly([&] { return Clock::now() > end; });
   }
-  bool every(const std::function<bool(Guest&)>& is) const { return std::ranges::all_of(all_, [&](const auto& g) { return is(*g); }); }
+  bool every(const std::function<bool(Guest&)>& is) const {
+    return std::ranges::all_of(all_, [&](const auto& g) { return is(*g); });
+  }
   const std::vector<std::unique_ptr<Guest>>& all() const { return all_; }
 
  private:
@@ -103,7 +105,8 @@ TEST(Moving, SixteenFlyingCamerasMoveWithTheirMeshes) {
   ASSERT_TRUE(guests.flyFor(2s));
   for (const auto& guest : guests.all()) guest->longest = {};
   first.process().signal(SIGUSR1);
-  ASSERT_TRUE(guests.fly([&] { return guests.every([](Guest& g) { return g.client->connection().reconnections() == 1 && g.firstBytes > 0; }); }));
+  ASSERT_TRUE(
+      guests.fly([&] { return guests.every([](Guest& g) { return g.client->connection().reconnections() == 1 && g.firstBytes > 0; }); }));
   ASSERT_TRUE(guests.flyFor(1s));
   double share = 0;
   Clock::duration longest{};

@@ -49,7 +49,7 @@ class Follower {
   Answer answer(const wire::Iteration& iteration, const Outcome<void>& applied);
 
   core::Scene scene_;
-  bool asked_ = false;      // for all leaves, and they have not come yet
+  bool asked_ = false;     // for all leaves, and they have not come yet
   std::string resumeKey_;  // of the last connection
   bool points_ = false;
 };

@@ -87,7 +87,8 @@ class Flight {
 
 settings::Settings randomSettings(std::mt19937_64& random) {
   settings::Settings out;
-  out.metric = std::array{settings::Metric::kPixels, settings::Metric::kPixels, settings::Metric::kArea, settings::Metric::kThesis}[random() % 4];
+  out.metric =
+      std::array{settings::Metric::kPixels, settings::Metric::kPixels, settings::Metric::kArea, settings::Metric::kThesis}[random() % 4];
   if (out.metric != settings::Metric::kThesis) out.threshold = std::array{0.7, 2.0, 6.0}[random() % 3];
   out.triangleBudget = std::array{20'000u, 60'000u, 200'000u}[random() % 3];
   if (random() % 4 == 0) out.colourError = 0.2;
@@ -148,7 +149,8 @@ TEST(Handover, HeightsAreThoseOfTheEditThatTheClientKnows) {
     const auto early = std::make_shared<edits::EditedTerrain>(base, history.layer());
     const std::vector<lattice::Area> changed = edit();
     const auto late = std::make_shared<edits::EditedTerrain>(base, history.layer());
-    const camera::Camera camera = testing_support::cameraAt(*early, static_cast<double>(middle.x) / 256, static_cast<double>(middle.z) / 256 + 60, 40, 0, -0.5);
+    const camera::Camera camera =
+        testing_support::cameraAt(*early, static_cast<double>(middle.x) / 256, static_cast<double>(middle.z) / 256 + 60, 40, 0, -0.5);
     const settings::Settings settings{.threshold = 1, .triangleBudget = 100'000};
     Server before(early, settings, 2);
     for (int k = 0; k < 12; ++k) before.mesh->iterate(camera);

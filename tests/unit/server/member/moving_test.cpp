@@ -214,10 +214,22 @@ TEST_F(Moving, WithoutItsCheckpointAMeshBeginsAnew) {
     EXPECT_TRUE(isDone);
   };
   for (const Case& c : {Case{"the engine has lost it", [&](Guest&, bus::Bus&) { engine.loseRecords(); }},
-                        Case{"it is damaged", [&](Guest& g, bus::Bus& bus) { replace(g, bus, "damaged"); }},
-                        Case{"it is half", [&](Guest& g, bus::Bus& bus) { replace(g, bus, {}); }},
-                        Case{"another key", [](Guest& g, bus::Bus&) { g.tamper = [](wire::Resume r) { r.key.back() ^= 1; return r; }; }},
-                        Case{"no key", [](Guest& g, bus::Bus&) { g.tamper = [](wire::Resume r) { r.key.clear(); return r; }; }},
+                        Case{"it is damaged", [&](Guest&g, bus::Bus&bus) { replace(g, bus, "damaged"); }},
+                        Case{"it is half", [&](Guest&g, bus::Bus&bus) { replace(g, bus, {}); }},
+                        Case{"another key",
+                             [](Guest&g, bus::Bus&) {
+                               g.tamper = [](wire::Resume r) {
+                                 r.key.back() ^= 1;
+                                 return r;
+                               };
+                             }},
+                        Case{"no key",
+                             [](Guest&g, bus::Bus&) {
+                               g.tamper = [](wire::Resume r) {
+                                 r.key.clear();
+                                 return r;
+                               };
+                             }},
                         Case{"the engine is away", [&](Guest&, bus::Bus&) { engine.stop(); }},
                         Case{"the engine is slow", [&](Guest&, bus::Bus&) { engine.slow(2s); }}}) {
     SCOPED_TRACE(c.what);

@@ -7,8 +7,8 @@
 #include <iterator>
 #include <map>
 #include <random>
-#include <utility>
 #include <set>
+#include <utility>
 
 #include "common/mesh/leaf_mesh.h"
 #include "server/replica/replica.h"

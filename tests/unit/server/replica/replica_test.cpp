@@ -21,9 +21,7 @@ LeafAddress at(int i, int j = 0, int level = 2) { return {level, i, j}; }
 struct World {
   std::map<LeafAddress, mesh::LeafState> leaves;
   std::uint64_t versions = 0;
-  void set(LeafAddress a, std::uint64_t hash, std::uint32_t triangles = 5) {
-    leaves[a] = {a, ++versions, hash, hash ? triangles : 0u};
-  }
+  void set(LeafAddress a, std::uint64_t hash, std::uint32_t triangles = 5) { leaves[a] = {a, ++versions, hash, hash ? triangles : 0u}; }
   std::vector<mesh::LeafState> list() const {
     std::vector<mesh::LeafState> out;
     for (const auto& [a, s] : leaves) out.push_back(s);

@@ -250,7 +250,8 @@ TEST(Follower, AsksOnceUntilTheHashesAgree) {
 TEST(Follower, SaysTheHashOfWhatItHoldsToAServerThatKnowsIt) {
   Random random(5);
   const mesh::LeafMesh leaf = support::terrainLike(random, 4, 0), other = support::terrainLike(random, 4, 1);
-  const std::uint64_t hash = mesh::hashTerm(leaf.address, mesh::hashLeaf(leaf)), hashOfOther = mesh::hashTerm(other.address, mesh::hashLeaf(other));
+  const std::uint64_t hash = mesh::hashTerm(leaf.address, mesh::hashLeaf(leaf)),
+                      hashOfOther = mesh::hashTerm(other.address, mesh::hashLeaf(other));
   for (const bool keeps : {true, false}) {
     Follower follower;
     follower.follow({.points = true, .shades = false});
