@@ -63,7 +63,7 @@ struct Line::Handler {
   std::function<void(const std::string&)> heard;
 
   ~Handler() {
-    if (const auto there = line.lock()) asio::post(there->io_, [l = there.get(), c = std::move(channel)] { l->tidy(c); });
+    if (const auto there = line.lock()) there->post([l = there.get(), c = std::move(channel)] { l->tidy(c); });
   }
 };
 
@@ -76,7 +76,7 @@ Line::Line(Address address, std::string ca, metrics::Metrics& figures)
 
 std::optional<Error> Line::start() {
   auto first = first_.emplace().get_future();
-  asio::post(io_, [this] { dial(), tick(); });
+  post([this] { dial(), tick(); });
   thread_ = std::thread([self = shared_from_this()] { self->io_.run(); });
   std::optional<Error> error;
   if (first.wait_for(kFirstPatience) == std::future_status::ready) {
@@ -99,8 +99,14 @@ void Line::stop() {
     send(command({"PING"}), [answered](const Answer&) { answered->set_value(); });
     answered->get_future().wait_for(kFarewell);
   }
+  hasEnded_ = true;
   io_.stop();
   isHandler ? thread_.detach() : thread_.join();
+  for (const auto& link : {commands_, subscriptions_})
+    if (link) link->abandon();
+  if (isHandler) return;
+  io_.restart();
+  io_.poll();  // what waits ends here, without a word: its owners may own this line
 }
 
 std::int64_t Line::now() const { return microseconds(Clock::now()) + ahead_; }
@@ -134,18 +140,16 @@ void Line::lost(const Link::Fault& fault) {
     connected_.Set(0);
     logging::warning("the engine at " + address_.text() + " is away: " + fault.why + "; edits wait for it, meshes go on");
   }
-  if (first_ && fault.isFinal) {
-    first_->set_value(Error{fault.why});
-    first_.reset();
-  }
+  if (first_ && fault.isFinal) return first_->set_value(Error{fault.why});  // start() ends it
   redial_.expires_after(pause_);
   redial_.async_wait([this](const boost::system::error_code& ec) {
-    if (!ec) dial();
+    if (!ec && !hasEnded_) dial();
   });
   pause_ = std::clamp<std::chrono::milliseconds>(2 * pause_, kMinPause, kMaxPause);
 }
 
 void Line::tick() {
+  if (hasEnded_) return;
   for (const auto& link : {commands_, subscriptions_})
     if (link) link->tick();
   if (stage_ == Stage::kThere) {
@@ -315,13 +319,22 @@ std::string Line::channelOf(std::string_view kind, std::string_view name) const 
   return "ridgecast:" + std::to_string(address_.database) + ":" + std::string(kind) + ":" + std::string(name);
 }
 
+void Line::post(std::function<void()> run) {
+  if (hasEnded_) return;
+  asio::post(io_, [this, run = std::move(run)] {
+    if (!hasEnded_) run();
+  });
+}
+
 void Line::send(std::string bytes, Done done) {
+  if (hasEnded_) return;
   // What it takes of the bounds is given back with the last copy of what waits for the answer.
   const std::size_t calls = ++waiting_->calls, total = waiting_->bytes += bytes.size();
   const std::shared_ptr<const void> place(nullptr, [w = waiting_, size = bytes.size()](const void*) { --w->calls, w->bytes -= size; });
   const bool fits = calls <= Redis::kMaxWaiting && total <= Redis::kMaxWaitingBytes;
   if (!fits) bytes = {};
   asio::post(io_, [this, fits, bytes = std::move(bytes), done = std::move(done), place]() mutable {
+    if (hasEnded_) return;
     if (stage_ != Stage::kThere || !fits) return done({Answer::Kind::kUnsent, {}});
     commands_->send(std::move(bytes), [this, done = std::move(done), place](Answer answer) {
       const std::string error = answer.reply.isError() ? answer.reply.text : "";
@@ -343,7 +356,7 @@ Subscription Line::hear(const std::string& channel, std::function<void(const std
 }
 
 Subscription Line::subscribe(const std::string& channel, std::string log, std::shared_ptr<Handler> handler) {
-  asio::post(io_, [this, channel, log = std::move(log), weak = std::weak_ptr(handler)]() mutable {
+  post([this, channel, log = std::move(log), weak = std::weak_ptr(handler)]() mutable {
     const auto [topic, isNew] = topics_.try_emplace(channel);
     topic->second.log = std::move(log);
     topic->second.handlers.push_back(std::move(weak));

@@ -52,7 +52,7 @@ class Line final : public std::enable_shared_from_this<Line> {
 
   void call(Script script, const std::vector<std::string_view>& keys, const std::vector<std::string_view>& arguments, Done done);
   void publish(std::string_view channel, std::string_view message, Done done);
-  void post(std::function<void()> run) { boost::asio::post(io_, std::move(run)); }
+  void post(std::function<void()> run);
   // Where a kind of things of this name is told: databases of an engine share its channels.
   std::string channelOf(std::string_view kind, std::string_view name) const;
   // Of a log's channel: the last number, at first too. Of another: each message of other servers.
@@ -100,7 +100,7 @@ class Line final : public std::enable_shared_from_this<Line> {
   metrics::Counter& reconnects_;
   const std::string ownChannel_;  // for answers that keep the order of messages
   std::atomic<std::uint32_t> server_ = 0;
-  std::atomic<bool> isAway_ = true;
+  std::atomic<bool> isAway_ = true, hasEnded_ = false;
   std::atomic<std::int64_t> ahead_ = 0;       // as Sample's
   std::array<std::string, kScripts> hashes_;  // written before start() ends, and not after
   struct Waiting {

@@ -112,12 +112,22 @@ void Link::tick() {
   end({"it has not answered for " + std::to_string(kPatience.count()) + " seconds"});
 }
 
-void Link::end(const Fault& fault) {
-  if (std::exchange(hasEnded_, true)) return;
+void Link::close() {
+  hasEnded_ = true;
   resolver_.cancel();
   error_code ignored;
   socket_.close(ignored);
   if (channel_) channel_->close();
+}
+
+void Link::abandon() {
+  close();
+  calls_.clear();
+}
+
+void Link::end(const Fault& fault) {
+  if (hasEnded_) return;
+  close();
   const auto calls = std::exchange(calls_, {});
   for (std::size_t i = 0; i < calls.size(); ++i) calls[i]({i + unsent_ < calls.size() ? Answer::Kind::kLost : Answer::Kind::kUnsent, {}});
   if (!fault.why.empty()) events_.ended(fault);

@@ -50,11 +50,13 @@ class Link final : public std::enable_shared_from_this<Link> {
   void tick();  // a few times a second: looks whether an answer takes too long
   // What is asked is lost. Calls `ended`, unless the fault is empty.
   void end(const Fault& fault);
+  void abandon();  // closes, and calls nobody any more
 
  private:
   using Clock = std::chrono::steady_clock;
   using error_code = boost::system::error_code;
 
+  void close();
   void connect(const boost::asio::ip::tcp::resolver::results_type& places);
   void secure();
   void greet();

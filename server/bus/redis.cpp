@@ -131,7 +131,7 @@ std::int64_t Redis::now() const { return line_->now(); }
 void Redis::append(const std::string& log, std::uint64_t after, std::vector<std::string> entries, Origin origin,
                    std::function<void(Appended)> done) {
   std::size_t bytes = 0;
-  for (const std::string& entry : entries) bytes += entry.size() + 16;
+  for (const std::string& entry : entries) bytes += entry.size() + 32;
   auto answered = [f = figures_, done = std::move(done), begun = std::chrono::steady_clock::now()](const Line::Answer& answer) {
     static constexpr std::array<const char*, 5> kResults{"done", "refused", "away", "full", "unknown"};
     Appended appended = appendedOf(answer);

@@ -27,7 +27,7 @@ class Line;
 class Redis final : public Bus {
  public:
   static constexpr std::chrono::seconds kGrace{2};
-  static constexpr std::size_t kMaxAppendBytes = std::size_t{16} << 20;   // of one append; more is kFull
+  static constexpr std::size_t kMaxAppendBytes = std::size_t{16} << 20;   // of one append, 32 more for each entry; beyond is kFull
   static constexpr std::size_t kMaxValueBytes = std::size_t{4} << 20;     // of a record; more is an error
   static constexpr std::size_t kMaxWaitingBytes = std::size_t{64} << 20;  // of calls without an answer; more fail as if it were away
   static constexpr std::size_t kMaxWaiting = 65'536;                      // such calls

@@ -222,5 +222,20 @@ TEST_F(ConfigTest, TokensAreIssuedWithoutSecretsOnTheCommandLine) {
     EXPECT_EQ(run(wrong).status, 2);
 }
 
+// A password is not printed, and a wrong URL is refused before anybody is asked.
+TEST_F(ConfigTest, TakesTheEngineOfSeveralServers) {
+  EXPECT_EQ(run({}).config->shared.url, "");
+  const std::string url = "rediss://me:se%40cret@host/2";
+  const Result named = run({"--shared-ca", "ca.pem", "--shared-password-file", "password"}, {"RIDGECAST_SHARED=" + url});
+  ASSERT_TRUE(named.config) << named.err;
+  EXPECT_EQ(named.config->shared.url, url);
+  EXPECT_EQ(named.config->shared.ca, "ca.pem");
+  EXPECT_EQ(named.config->shared.passwordFile, "password");
+  EXPECT_THAT(run({"--print-config"}, {"RIDGECAST_SHARED=" + url}).out, HasSubstr("shared = \"rediss://me:...@host/2\" "));
+  const Result wrong = run({"--shared", "http://me:secret@host"});
+  EXPECT_EQ(wrong.status, 2);
+  EXPECT_THAT(wrong.err, AllOf(HasSubstr("must be like redis://"), testing::Not(HasSubstr("secret"))));
+}
+
 }  // namespace
 }  // namespace ridgecast::config

@@ -1,0 +1,44 @@
+// A server with an engine beside it, which goes and comes back.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "tests/e2e/operator.h"
+#include "tests/support/process.h"
+#include "tests/support/redis_server.h"
+#include "tests/support/server_process.h"
+#include "tests/support/waiting.h"
+
+namespace ridgecast {
+namespace {
+
+using namespace testing_support;
+using testing::HasSubstr;
+
+TEST(Shared, AServerSaysWhetherItsEngineIsThere) {
+  if (!RedisServer::exists()) GTEST_SKIP() << "redis-server is not installed";
+  RedisServer redis;
+  ServerProcess server(RIDGECAST_SERVER, {"--shared", redis.url(), "--log-level", "info"});
+  EXPECT_EQ(get(server.port(), "/readyz"), "ready\n");
+  EXPECT_EQ(scrape(server.port())["ridgecast_bus_connected"], 1);
+  EXPECT_THAT(server.process().output(), HasSubstr("shares its worlds by " + redis.url() + " as server 1\n"));
+  redis.kill();
+  EXPECT_TRUE(await([&] { return get(server.port(), "/readyz") == "ready; the engine of --shared is away\n"; }));
+  EXPECT_EQ(scrape(server.port())["ridgecast_bus_connected"], 0);
+  EXPECT_TRUE(server.healthy());
+  redis.start();
+  EXPECT_TRUE(await([&] { return get(server.port(), "/readyz") == "ready\n"; }));
+  EXPECT_EQ(scrape(server.port())["ridgecast_bus_reconnects_total"], 1);
+  EXPECT_EQ(server.stop(), 0);
+  EXPECT_THAT(server.process().output(), testing::AllOf(HasSubstr(" is away: "), HasSubstr(" is back after ")));
+  ServerProcess second(RIDGECAST_SERVER, {}, 0, {{"RIDGECAST_SHARED", redis.url()}});
+  EXPECT_THAT(redis.command({"GET", "ridgecast:servers"}), HasSubstr("2"));
+}
+
+TEST(Shared, AServerWithoutItsEngineDoesNotStart) {
+  const Finished server = runProgram({RIDGECAST_SERVER, "--port", "0", "--shared", "redis://127.0.0.1:" + std::to_string(freePort())});
+  EXPECT_EQ(server.code, 2);
+  EXPECT_THAT(server.output, testing::AllOf(HasSubstr("The engine at redis://127.0.0.1:"), HasSubstr("cannot be reached")));
+}
+
+}  // namespace
+}  // namespace ridgecast
