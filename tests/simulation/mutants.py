@@ -70,10 +70,10 @@ MUTANTS = [
      "  if (!replaceLeaves(step)) return false;\n"),
     # Acknowledged before it is on the disk.
     ("server/session/edits.cpp",
-     "  if (batch_.made.empty()) return publish();\n",
+     "  if (!batch_.made.empty()) return append();\n",
      "  for (std::size_t k = 0; k < batch_.done; ++k)\n    for (const Done& done : std::exchange(group_[k]->done, {})) done(*group_[k]->answer, 0);\n"
-     "  if (batch_.made.empty()) return publish();\n"),
-    ("server/session/edits.cpp", "if (!batch_.made.empty() && !batch_.isKept) takeBack(full(batch_.isKept.error().message));", ""),
+     "  if (!batch_.made.empty()) return append();\n"),
+    ("server/session/edits.cpp", "if (!batch_.made.empty() && !batch_.isKept && !order_->isShared()) refuseMade(full(batch_.isKept.error().message));", ""),
     ("server/edit_log/log.cpp", "PRAGMA synchronous = EXTRA", "PRAGMA synchronous = NORMAL"),
     ("server/edit_log/log.cpp",
      "if (auto begun = transaction.begin(); !begun) return begun.error();\n  std::uint64_t next = last_;",
@@ -95,7 +95,7 @@ MUTANTS = [
     ("server/session/edits.cpp", "if (!waits->asked.key.empty()) open_[waits->asked.key] = waits;", ""),
     ("server/session/edits.cpp", "for (std::size_t k = 0; k < batch_.done; ++k) open_.erase(group_[k]->asked.key);", "if (batch_.made.empty()) open_.clear();"),
     # Numbers and their order.
-    ("server/session/edits.cpp", "= why;\n  batch_.made.clear();\n", "= why;\n"),
+    ("server/session/edits.cpp", "  batch_.made.clear();\n  batch_.checked.clear();\n", "  batch_.checked.clear();\n"),
     ("server/session/edits.cpp", "history_.takeBack(batch_.before);", "history_.takeBack(history_.layer());"),
     # Told before it is kept, or before its ground is there.
     ("server/session/edits.cpp", "while (!edits->empty() && edits->back().number > last) edits->pop_back();", ""),

@@ -9,6 +9,7 @@
 #include <memory>
 #include <optional>
 #include <random>
+#include <set>
 #include <string>
 #include <utility>
 #include <vector>
@@ -440,6 +441,26 @@ TEST(SharedEdits, WhoseGroundDiffersLeave) {
   EXPECT_FALSE(rig[0].hasLeft);
   EXPECT_EQ(rig[1].disk->setAside, 1);
   rig[0].world.terrain = terrain::create("alpine", 1).value();
+}
+
+// Of a newer version, or damaged: this server cannot know what the ground is then.
+TEST(SharedEdits, EndWhereAnEntryCannotBeRead) {
+  Rig rig(2);
+  rig[0].ask(craterAt(0));
+  rig.run(50ms);
+  const auto newer = rig.world.engine.connect();
+  newer->append("world", 1, {"an entry of a form to come"}, bus::Bus::Origin::kNew, [](const bus::Appended&) {});
+  rig.run(50ms);
+  for (const auto& machine : rig.all) {
+    const auto refused = machine->ask(craterAt(9));
+    rig.run(50ms);
+    ASSERT_TRUE(*refused);
+    ASSERT_FALSE(**refused);
+    EXPECT_THAT((*refused)->error().message, HasSubstr("takes no edits on this server"));
+    EXPECT_EQ(machine->edits->ground().edit, 1u);
+    EXPECT_FALSE(machine->hasLeft);
+  }
+  EXPECT_EQ(rig.world.engine.log("world").size(), 2u);
 }
 
 // ---- any faults ----
