@@ -117,10 +117,9 @@ void News::beginPass(const Crowd& crowd, const Crowd::Participant& self, const T
   const bool allNamed = crowd.size() - 1 <= kNamed;
   if (allNamed && std::exchange(counts_, 0) != 0) part.crowd.emplace();
   out += wire::encodePart(part);
-  if (!allNamed && counts_ != terms.crowd.number) {
-    counts_ = terms.crowd.number;
-    out += terms.crowd.bytes;
-  }
+  if (allNamed) return;
+  pass_.version = terms.crowd.version;  // older ones: there is another pass
+  if (std::exchange(counts_, terms.crowd.number) != terms.crowd.number) out += terms.crowd.bytes;
 }
 
 void News::goOn(const Crowd& crowd, std::size_t bytes, std::string& out) {

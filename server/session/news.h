@@ -27,8 +27,9 @@ namespace ridgecast::session {
 
 // Counts of a crowd, encoded once for all that are told.
 struct CrowdPart {
-  std::uint64_t number = 0;  // grows with each other one
-  std::string bytes;         // wire::encodePart
+  std::uint64_t number = 0;   // grows with each other one
+  std::uint64_t version = 0;  // of the crowd that was counted
+  std::string bytes;          // wire::encodePart
 };
 
 class News {

@@ -16,6 +16,7 @@ namespace {
 std::shared_ptr<const void> ticket() { return std::make_shared<char>(); }
 
 constexpr std::size_t kMostCells = 512;         // told of a crowd
+constexpr std::size_t kGoneAtOnce = 64;         // silent members that go at a time
 constexpr std::chrono::seconds kCrowdPause{2};  // between two other crowds
 
 }  // namespace
@@ -145,14 +146,15 @@ void Presence::notify(Entry& entry) {
 
 const CrowdPart& Presence::crowdPart() {
   const Timer::Time now = timer_.now();
-  if (counted_.version == crowd_.version() || now < counted_.at + kCrowdPause) return crowdPart_;
-  counted_.version = crowd_.version();
+  if (crowdPart_.version == crowd_.version() || now < counted_.at + kCrowdPause) return crowdPart_;
+  crowdPart_.version = crowd_.version();
   counted_.at = now;
   wire::Crowd counts = crowd_.size() - 1 > News::kNamed ? crowd_.counts(kMostCells) : wire::Crowd();
   if (crowdPart_.number != 0 && counts == counted_.counts) return crowdPart_;
   wire::Members part;
   part.crowd = counted_.counts = std::move(counts);
-  crowdPart_ = {crowdPart_.number + 1, wire::encodePart(part)};
+  ++crowdPart_.number;
+  crowdPart_.bytes = wire::encodePart(part);
   return crowdPart_;
 }
 
@@ -199,7 +201,7 @@ std::vector<std::string> Presence::shareNow() {
   }
   std::vector<std::uint64_t> gone;
   for (const auto& [camera, at] : heard_)
-    if (now >= at + kSilence) gone.push_back(camera);
+    if (now >= at + kSilence && gone.size() < kGoneAtOnce) gone.push_back(camera);
   for (const std::uint64_t camera : gone) {
     heard_.erase(camera);
     remove(camera);

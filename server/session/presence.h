@@ -114,7 +114,6 @@ class Presence : public std::enable_shared_from_this<Presence> {
   std::vector<std::uint64_t> idle_;                      // the other ones that want members, once the crowd changes
   CrowdPart crowdPart_;
   struct {
-    std::uint64_t version = 0;
     Timer::Time at{};
     wire::Crowd counts;
   } counted_;

@@ -180,5 +180,55 @@ TEST_F(MembersTest, TheStateOfAMemberComesWithItsPose) {
   EXPECT_NE(car->error()->message.find("Pose.state must be at most 256 bytes"), std::string::npos) << car->error()->message;
 }
 
+// A row of members, 100 m apart: the first is told of those near it and of how many there are, one of an earlier revision of each.
+TEST_F(MembersTest, ACrowdIsNamedWhereItIsNearAndCountedElsewhere) {
+  constexpr std::size_t kMembers = 100;
+  std::vector<std::unique_ptr<Connection>> members;
+  for (std::size_t k = 0; k < kMembers; ++k) {
+    wire::Hello hello = helloOf("member " + std::to_string(k));
+    hello.placesOnly = true;
+    hello.near = k == 1 ? 0 : 24;
+    members.push_back(join(hello));
+    wire::PoseMessage pose = poseAt(1);
+    pose.camera.pose.x = static_cast<lattice::Step>(k) * 100 * 256;
+    pose.state = {static_cast<std::uint8_t>(k)};
+    members.back()->send(pose);
+  }
+  const auto counted = [](const core::Roster& roster) {
+    std::size_t sum = 0;
+    for (const std::uint32_t count : roster.crowd().count) sum += count;
+    return sum;
+  };
+  ASSERT_TRUE(testing_support::await([&] {
+    const auto roster = members[0]->others();
+    return roster && roster->count() == kMembers - 1 && counted(*roster) == kMembers && roster->others().size() >= 64;
+  }));
+  const auto first = *members[0]->others();
+  EXPECT_LE(first.others().size(), 96u);
+  for (std::size_t k = 1; k <= 64; ++k) EXPECT_TRUE(first.others().contains(members[k]->world().camera)) << k;
+  EXPECT_FALSE(first.others().contains(members.back()->world().camera));
+  for (const auto& [camera, other] : first.others())
+    if (other.member.moved) EXPECT_TRUE(other.member.moved->pose.state.empty()) << "it did not ask for states";
+  ASSERT_TRUE(testing_support::await([&] {
+    const auto roster = members[1]->others();
+    return roster && roster->others().size() == kMembers - 1 && std::ranges::all_of(roster->others(), [](const auto& known) {
+             return known.second.member.moved && known.second.member.moved->pose.state.size() == 1;
+           });
+  })) << "who knows no crowds knows each";
+  EXPECT_TRUE(members[1]->others()->crowd().count.empty());
+  // The farthest comes near, and goes: it has not left.
+  const std::uint64_t last = members.back()->world().camera;
+  members.back()->send(poseAt(2));
+  ASSERT_TRUE(testing_support::await([&] { return members[0]->others()->others().contains(last); }));
+  wire::PoseMessage away = poseAt(3);
+  away.camera.pose.x = lattice::kMaxPosition;
+  members.back()->send(away);
+  ASSERT_TRUE(testing_support::await([&] { return !members[0]->others()->others().contains(last); }));
+  EXPECT_EQ(members[0]->others()->count(), kMembers - 1);
+  members.pop_back();
+  EXPECT_TRUE(testing_support::await([&] { return members[0]->others()->count() == kMembers - 2; }));
+  for (const auto& member : members) EXPECT_FALSE(member->error()) << member->error()->message;
+}
+
 }  // namespace
 }  // namespace ridgecast

@@ -324,6 +324,10 @@ TEST_F(WorldTest, SeesTheOthers) {
   std::size_t count = 0;
   while (!seen.has_pose) ASSERT_EQ(rc_world_members(other.get(), &seen, 1, &count), RC_OK) << rc_message();
   EXPECT_EQ(count, 1u);
+  std::uint64_t others = 0;
+  ASSERT_EQ(rc_world_crowd(other.get(), nullptr, 0, &count, &others), RC_OK) << rc_message();
+  EXPECT_EQ(count, 0u) << "everybody is named";
+  EXPECT_EQ(others, 1u);
   EXPECT_STREQ(seen.name, "rover");
   EXPECT_EQ(seen.member, infoOf(rover).member);
   EXPECT_EQ(seen.x, 4e9);

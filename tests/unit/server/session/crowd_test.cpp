@@ -297,6 +297,9 @@ TEST(News, ManyAreToldByNearnessWithinTheBytes) {
   }
   w.timer.advance(10s);
   EXPECT_EQ(w.timer.pending(), 0u) << "nothing is to be told";
+  Crowd crowd;
+  for (const auto& [camera, member] : w.all) crowd.add(member);
+  for (const auto& l : {near, blind, three}) EXPECT_EQ(l->crowd, crowd.counts(512)) << "no earlier one";
 }
 
 // Joins, leaves, teleports, members without a place, slow readers: the tables are right whenever there is rest.

@@ -115,6 +115,23 @@ TEST(SessionClock, AStepIsExact) {
   EXPECT_FALSE(clock.waitsFor(5));
 }
 
+TEST(Roster, KnowsHowManyThereAreNamedOrNot) {
+  Roster roster;
+  const Instant now{};
+  ASSERT_TRUE(roster.apply({{{3, wire::Role::kViewer, "", {}}, {4, wire::Role::kViewer, "", {}}}, {}, {}}, now));
+  EXPECT_EQ(roster.count(), 2u) << "a server that knows no crowds names all";
+  ASSERT_TRUE(roster.apply({{}, {}, {}, 2000, {4}, wire::Crowd{1, {5}, {6}, {1998}}}, now));
+  EXPECT_EQ(roster.count(), 2000u);
+  EXPECT_EQ(roster.others().size(), 1u);
+  EXPECT_EQ(roster.crowd().count, std::vector<std::uint32_t>{1998});
+  EXPECT_FALSE(roster.apply({{}, {}, {}, 7, {4}}, now)) << "4 has faded before";
+  EXPECT_EQ(roster.count(), 2000u);
+  ASSERT_TRUE(roster.apply({{}, {}, {}, 1, {}}, now));
+  EXPECT_EQ(roster.crowd().i, std::vector<std::int64_t>{5}) << "as last told";
+  ASSERT_TRUE(roster.apply({{}, {}, {}, 1, {}, wire::Crowd{}}, now));
+  EXPECT_TRUE(roster.crowd().count.empty());
+}
+
 TEST(Roster, RefusesWhatCannotBeAndKeepsWhatItHad) {
   Roster roster;
   const Instant now{};
