@@ -83,8 +83,8 @@ void CameraSession::lookUpCheckpoint() {
     key = recordOf(std::exchange(resume_.key, {}));
   }
   const std::shared_ptr<bus::Bus> bus = session_->resources().bus;
-  bus->hold(key, {}, 0, std::chrono::seconds(1), [weak = weak_from_this(), bus, key](Outcome<bus::Bus::Held> held) {
-    if (held) bus->drop(key, held->record.epoch);
+  bus->hold(key, {}, 0, std::chrono::seconds(1), [weak = weak_from_this(), engine = std::weak_ptr(bus), key](Outcome<bus::Bus::Held> held) {
+    if (const auto there = engine.lock(); there && held) there->drop(key, held->record.epoch);
     if (const auto self = weak.lock()) self->found(held && !held->isYours ? std::move(held->record.value) : std::string());
   });
 }

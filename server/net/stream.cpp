@@ -179,10 +179,8 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
   // The camera's mesh first, if it has another server to go to; its client then has all that was sent.
   void handOver() {
     if (stage_ != Stage::kOpen || shared_->takesStreams || !camera_) return goAway();
-    const auto done = [weak = weak_from_this(), executor = ws_.get_executor()] {
-      asio::post(executor, [weak] {
-        if (const auto self = weak.lock()) self->goAway();
-      });
+    const auto done = [weak = weak_from_this()] {
+      if (const auto self = weak.lock()) asio::post(self->ws_.get_executor(), [self] { self->goAway(); });
     };
     if (!camera_->handOver(done)) return goAway();
     keepsQueue_ = true;

@@ -21,6 +21,7 @@
 #include "tests/support/flight.h"
 #include "tests/support/mesh_check.h"
 #include "tests/support/random_edits.h"
+#include "tests/support/sanitized.h"
 #include "tests/support/verify.h"
 
 namespace ridgecast::handover {
@@ -97,7 +98,7 @@ settings::Settings randomSettings(std::mt19937_64& random) {
 
 TEST(Handover, ARestoredMeshIsTheSameAndGoesOn) {
   std::size_t bytes = 0, vertices = 0;
-  for (unsigned seed = 1; seed <= 24; ++seed) {
+  for (unsigned seed = 1; seed <= static_cast<unsigned>(testing_support::rounds(12)); ++seed) {
     SCOPED_TRACE(seed);
     std::mt19937_64 random(seed);
     const auto terrain = terrain::create(std::array{"alpine", "canyon", "archipelago"}[seed % 3], seed).value();
