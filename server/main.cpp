@@ -103,7 +103,7 @@ Outcome<std::shared_ptr<const http::Site>> loadSite(std::filesystem::path folder
   return http::Site::load(folder);
 }
 
-// A complaint may have several lines.
+// A complaint may have several lines. Clients cause them by the worlds that they ask for.
 void warn(const std::string& complaint) {
   std::istringstream lines(complaint);
   for (std::string line; std::getline(lines, line);) logging::warning(line);
@@ -111,9 +111,12 @@ void warn(const std::string& complaint) {
 
 // Returns after SIGINT or SIGTERM.
 void untilEnded(net::Server& server, const sigset_t& signals) {
-  for (int signal = 0;;) {
-    sigwait(&signals, &signal);
-    if (signal == SIGHUP) {
+  for (;;) {
+    const timespec patience{60, 0};
+    const int signal = sigtimedwait(&signals, nullptr, &patience);
+    if (signal < 0) {
+      logging::sayLeftOut();
+    } else if (signal == SIGHUP) {
       notify("RELOADING=1");
       if (const auto error = server.reload())
         logging::error("not reloaded: " + error->message);
@@ -221,7 +224,8 @@ int serve(const config::Config& config, const sigset_t& signals, const BeginServ
                                                                                const std::stop_token& stop) {
     auto made = user_terrain::load(requestOf(spec), warn, stop);
     if (made) {
-      if (const terrain::Raster* map = (*made)->raster()) logging::info("height map " + spec.terrain + ": " + raster::describe(*map));
+      if (const terrain::Raster* map = (*made)->raster())
+        logging::info({.reason = "world"}, "height map " + spec.terrain + ": " + raster::describe(*map));
       return made;
     }
     const std::string& full = made.error().message;
@@ -281,6 +285,7 @@ int serve(const config::Config& config, const sigset_t& signals, const BeginServ
   start = nullptr;
   notify("STOPPING=1\nSTATUS=Waiting for clients to leave");
   server->shutdown();
+  logging::sayLeftOut(true);
   if (!config.portFile.empty()) {
     std::error_code ignored;
     std::filesystem::remove(config.portFile, ignored);
@@ -291,7 +296,7 @@ int serve(const config::Config& config, const sigset_t& signals, const BeginServ
 // With signals and log set up; the exit status.
 int serveBySettings(const config::Config& config, const BeginServing& begin) {
   logging::setUp(config.logFormat, config.logLevel);
-  // Blocked before any thread begins, so that only sigwait sees them.
+  // Blocked before any thread begins, so that only untilEnded sees them.
   sigset_t signals;
   sigemptyset(&signals);
   sigaddset(&signals, SIGINT);

@@ -2,10 +2,13 @@
 
 #include <unistd.h>
 
+#include <algorithm>
 #include <atomic>
 #include <chrono>
 #include <cstdio>
 #include <ctime>
+#include <functional>
+#include <limits>
 #include <mutex>
 #include <nlohmann/json.hpp>
 #include <utility>
@@ -63,6 +66,13 @@ std::string plain(const Json& value) {
   return out;
 }
 
+// ADDRESS of ADDRESS:PORT and [ADDRESS]:PORT; an address alone, as behind a proxy, stays.
+std::string_view withoutPort(std::string_view peer) {
+  const auto colon = peer.rfind(':');
+  const bool hasPort = colon != peer.npos && (peer.find(':') == colon || peer.find("]:") != peer.npos);
+  return hasPort ? peer.substr(0, colon) : peer;
+}
+
 std::string timeText(std::int64_t milliseconds, const char* pattern) {
   const std::time_t seconds = milliseconds / 1000;
   std::tm parts{};
@@ -97,23 +107,58 @@ std::string line(Format form, Level level, const About& about, std::string_view 
   return out + " " + plain(message);
 }
 
-std::optional<std::uint64_t> Repeats::take(const About& about, std::string_view message, std::int64_t milliseconds) {
-  const auto isOver = [&](const auto& kind) { return milliseconds - kind.second.written >= kEvery; };
-  std::string key;
-  for (const std::string_view part : {about.reason, about.session, about.peer.substr(0, about.peer.rfind(':')), message})
-    key.append(part).push_back('\0');
-  if (!kinds_.contains(key) && kinds_.size() >= kMaxKinds) {
-    std::erase_if(kinds_, isOver);
-    if (kinds_.size() >= kMaxKinds) key.clear();  // whatever else
-  }
-  const auto [kind, isNew] = kinds_.try_emplace(std::move(key));
-  if (!isNew && !isOver(*kind)) {
-    ++kind->second.more;
-    return std::nullopt;
-  }
-  kind->second.written = milliseconds;
-  return std::exchange(kind->second.more, 0);
+bool Repeats::take(const About& about, std::string_view message, std::int64_t milliseconds) {
+  std::array<std::string, 3> key{std::string(about.event), std::string(about.reason), std::string(withoutPort(about.peer))};
+  if (kinds_.size() >= kMaxKinds && !kinds_.contains(key)) key[2].clear();
+  const auto [found, isNew] = kinds_.try_emplace(std::move(key), Kind{milliseconds});
+  if (isNew) next_ = std::min(next_, milliseconds + kEvery);
+  Kind& kind = found->second;
+  const bool isRefusal = about.event == "refused";
+  const std::hash<std::string_view> hash;
+  const std::size_t line = isRefusal ? hash(about.session) * 31 + hash(message) : kind.written.size();
+  if (kind.written.size() < (isRefusal ? kMaxRefused : kMaxOthers) && kind.written.insert(line).second) return true;
+  ++kind.leftOut;
+  return false;
 }
+
+std::vector<Repeats::LeftOut> Repeats::leftOut(std::int64_t milliseconds, bool all) {
+  std::vector<LeftOut> said;
+  if (milliseconds < next_ && !all) return said;
+  next_ = std::numeric_limits<std::int64_t>::max();
+  std::erase_if(kinds_, [&](const auto& entry) {
+    const auto& [key, kind] = entry;
+    const std::int64_t end = kind.since + kEvery;
+    if (milliseconds < end && !all) return next_ = std::min(next_, end), false;
+    if (kind.leftOut > 0) said.push_back({key[0], key[1], key[2], kind.leftOut});
+    return true;
+  });
+  return said;
+}
+
+namespace {
+
+struct {
+  std::mutex mutex;
+  Repeats repeats;
+} shared;
+
+template <class Clock>
+std::int64_t millisecondsOf() {
+  return std::chrono::duration_cast<std::chrono::milliseconds>(Clock::now().time_since_epoch()).count();
+}
+
+void put(Level level, const About& about, std::string_view message) {
+  std::string text = line(format, level, about, message, millisecondsOf<std::chrono::system_clock>());
+  text += '\n';
+  // One call, so that lines of several threads do not mix. What cannot be written is lost: there is nowhere to say so.
+  for (std::string_view rest = text; !rest.empty();) {
+    const ssize_t written = ::write(STDERR_FILENO, rest.data(), rest.size());
+    if (written <= 0) break;
+    rest.remove_prefix(static_cast<std::size_t>(written));
+  }
+}
+
+}  // namespace
 
 void setUp(Format form, Level level) {
   format = form;
@@ -122,24 +167,24 @@ void setUp(Format form, Level level) {
 
 void write(Level level, const About& about, std::string_view message) {
   if (level < least) return;
-  const auto now = std::chrono::duration_cast<std::chrono::milliseconds>(std::chrono::system_clock::now().time_since_epoch()).count();
-  About said = about;
-  if (!about.reason.empty() && !about.stay) {
-    static std::mutex mutex;
-    static Repeats repeats;
-    const std::lock_guard lock(mutex);
-    const auto more = repeats.take(about, message, now);
-    if (!more) return;
-    said.repeated = *more;
+  sayLeftOut();
+  if (!about.reason.empty() || about.event == "hello") {
+    const std::lock_guard lock(shared.mutex);
+    if (!shared.repeats.take(about, message, millisecondsOf<std::chrono::steady_clock>())) return;
   }
-  std::string text = line(format, level, said, message, now);
-  text += '\n';
-  // One call, so that lines of several threads do not mix. What cannot be written is lost: there is nowhere to say so.
-  for (std::string_view rest = text; !rest.empty();) {
-    const ssize_t written = ::write(STDERR_FILENO, rest.data(), rest.size());
-    if (written <= 0) break;
-    rest.remove_prefix(static_cast<std::size_t>(written));
+  put(level, about, message);
+}
+
+void sayLeftOut(bool all) {
+  if (Level::kInfo < least) return;
+  std::vector<Repeats::LeftOut> leftOut;
+  {
+    const std::lock_guard lock(shared.mutex);
+    leftOut = shared.repeats.leftOut(millisecondsOf<std::chrono::steady_clock>(), all);
   }
+  for (const auto& [event, reason, client, lines] : leftOut)
+    put(Level::kInfo, {.peer = client, .event = event, .reason = reason, .repeated = lines},
+        "more such lines came within a minute and were left out (" + event + (reason.empty() ? "" : ", " + reason) + ")");
 }
 
 }  // namespace ridgecast::logging

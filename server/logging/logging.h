@@ -7,16 +7,21 @@
 //
 // A JSON line also has the fields that only machines want, such as "event" and "reason".
 //
-// Identical refusals (lines with a reason) for one client address and session are written at most once a minute; the next line says how
-// many were left out ("repeated"). Bound: 1,024 such lines are told apart.
+// Lines that clients can cause at will, those with a reason and those of event "hello", are merged by client address, event and reason:
+// of each, a minute has the first kMaxRefused different refusals, or the first kMaxOthers others. When it is over, one line says how many
+// were left out ("repeated"): before the next line that is written, or by sayLeftOut().
 //
 // Any thread. Lines of one message are written at once.
 
+#include <array>
 #include <cstdint>
+#include <limits>
+#include <map>
 #include <optional>
+#include <set>
 #include <string>
 #include <string_view>
-#include <unordered_map>
+#include <vector>
 
 namespace ridgecast::logging {
 
@@ -39,10 +44,12 @@ struct About {
     std::uint64_t bytes = 0, iterations = 0;  // sent
   };
   std::optional<Stay> stay{};  // of a stream that ended
-  std::uint64_t repeated = 0;  // such lines that were not written
+  std::uint64_t repeated = 0;  // such lines that were left out
 };
 
 void setUp(Format format, Level level);
+// Says how many lines were left out in minutes that are over; `all`: in the others, too, as the process ends.
+void sayLeftOut(bool all = false);
 void write(Level level, const About& about, std::string_view message);
 
 inline void debug(const About& about, std::string_view message) { write(Level::kDebug, about, message); }
@@ -53,20 +60,30 @@ inline void info(std::string_view message) { write(Level::kInfo, {}, message); }
 inline void warning(std::string_view message) { write(Level::kWarning, {}, message); }
 inline void error(std::string_view message) { write(Level::kError, {}, message); }
 
-// Detects repeated lines. Not thread-safe.
+// Which lines to leave out. At most kMaxKinds clients, events and reasons are told apart; beyond that, clients are merged. Not thread-safe.
 class Repeats {
  public:
   static constexpr std::int64_t kEvery = 60'000;  // milliseconds
-  static constexpr std::size_t kMaxKinds = 1024;
-  // How many such lines were left out since the last; nothing: so is this one.
-  std::optional<std::uint64_t> take(const About& about, std::string_view message, std::int64_t milliseconds);
+  static constexpr std::size_t kMaxKinds = 256;
+  static constexpr std::size_t kMaxRefused = 8, kMaxOthers = 100;
+
+  // Whether to write this line. `milliseconds` never go back.
+  bool take(const About& about, std::string_view message, std::int64_t milliseconds);
+  struct LeftOut {
+    std::string event, reason, client;  // no client: of several
+    std::uint64_t lines = 0;
+  };
+  // What was left out in minutes that are over; `all`: in the others, too.
+  std::vector<LeftOut> leftOut(std::int64_t milliseconds, bool all = false);
 
  private:
   struct Kind {
-    std::int64_t written = 0;
-    std::uint64_t more = 0;
+    std::int64_t since = 0;
+    std::set<std::size_t> written{};  // refusals: hashes of session and message
+    std::uint64_t leftOut = 0;
   };
-  std::unordered_map<std::string, Kind> kinds_;
+  std::map<std::array<std::string, 3>, Kind> kinds_;              // by event, reason, client
+  std::int64_t next_ = std::numeric_limits<std::int64_t>::max();  // when a minute is over, at the earliest
 };
 
 // One line, without its end; `milliseconds` since 1970. What write() writes.

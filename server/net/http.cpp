@@ -40,6 +40,7 @@ constexpr std::chrono::seconds kFinishTimeout{1};     // for a client that still
 constexpr std::chrono::milliseconds kTellEvery{700};  // interval of progress messages
 constexpr std::size_t kSlowest = 65'536;              // bytes a second that a client must read of a long answer, or send of a body
 constexpr int kMaxRequests = 1000;                    // of a connection
+constexpr std::size_t kMaxLogged = 500;               // bytes of a refusal's sentence, which may quote the request
 
 constexpr auto kTuple = asio::as_tuple(asio::use_awaitable);  // co_await gives (error_code, ...)
 
@@ -385,7 +386,7 @@ class Exchange {
                    .reason = metrics::name(*a.refusal),
                    .path = path_,
                    .status = a.status},
-                  "is refused with " + std::to_string(a.status) + ": " + a.body.substr(0, a.body.find('\n')));
+                  "is refused with " + std::to_string(a.status) + ": " + a.body.substr(0, std::min(a.body.find('\n'), kMaxLogged)));
   }
 
   beast::http::response<beast::http::string_body> responseOf(Answer a) const {

@@ -200,6 +200,43 @@ TEST(Operations, TheAdminPortTakesNeitherTokenNorTls) {
     EXPECT_EQ(figures.at(std::string("ridgecast_refusals_total{reason=\"") + reason + "\"}"), 0) << reason;
 }
 
+// One client asks for 10,000 sessions that are not there, and comes and goes 150 times; another asks once.
+TEST(Operations, AFloodOfRefusalsIsMergedInTheLogAndCounted) {
+  constexpr int kConnections = 10, kEach = 1000, kVisits = 150;
+  ServerProcess server(RIDGECAST_SERVER, {"--log-format", "json"});
+  for (int c = 0; c < kConnections; ++c) {
+    SocketClient client(server.port());
+    for (int k = 0; k < kEach; ++k) {
+      const std::string name = "none" + std::to_string(c * kEach + k);
+      ASSERT_TRUE(client.send("GET /v1/heights?at=0,0&session=" + name + " HTTP/1.1\r\nHost: localhost\r\n\r\n"));
+      ASSERT_THAT(client.answer(), testing::StartsWith("HTTP/1.1 404"));
+    }
+  }
+  for (int k = 0; k < kVisits; ++k) {
+    SocketClient client(server.port());
+    ASSERT_TRUE(client.upgrade());
+  }
+  EXPECT_TRUE(await([&] { return scrape(server.port())["ridgecast_streams"] == 0; }));
+  SocketClient other(server.port(), "127.0.0.2");
+  other.send("GET /v1/heights?at=0,0&session=other HTTP/1.1\r\nHost: localhost\r\n\r\n");
+  EXPECT_THAT(other.answer(), testing::StartsWith("HTTP/1.1 404"));
+  EXPECT_EQ(server.stop(), 0);
+  std::uint64_t refusals = 0, ends = 0, others = 0;
+  std::istringstream lines(server.process().output());
+  for (std::string line; std::getline(lines, line);) {
+    const json object = json::parse(line);
+    const std::string event = object.value("event", ""), peer = object.value("peer", "");
+    const std::uint64_t counted = object.value("repeated", std::uint64_t{1});
+    if (event == "ended") ends += counted;
+    if (event == "refused" && peer.starts_with("127.0.0.1")) refusals += counted;
+    if (event == "refused" && peer.starts_with("127.0.0.2")) others += counted;
+  }
+  EXPECT_EQ(refusals, std::uint64_t{kConnections} * kEach);
+  EXPECT_EQ(ends, std::uint64_t{kVisits});
+  EXPECT_EQ(others, 1u);
+  EXPECT_LT(server.process().output().size(), 50'000u);  // without: 2.5 MB
+}
+
 TEST(Operations, AnOperatorEndsSessionsAndSendsMembersAway) {
   ServerProcess server(RIDGECAST_SERVER, {"--log-level", "info", "--log-format", "json"});
   const std::string race = "/v1/sessions/race";

@@ -51,20 +51,52 @@ TEST(Logging, MachinesHaveFieldsForWhatHappened) {
   EXPECT_EQ(ended["iterations"], 140);
 }
 
-TEST(Logging, WhatRepeatsIsWrittenOnceAMinuteAndCounted) {
+TEST(Logging, RefusalsOfAClientAreMergedByReasonAndCounted) {
   Repeats repeats;
-  const auto from = [](std::string_view peer) { return About{.peer = peer, .reason = "token"}; };
-  EXPECT_EQ(repeats.take(from("192.0.2.1:5004"), "no", 0), 0u);
-  for (int k = 1; k <= 100; ++k) EXPECT_EQ(repeats.take(from("192.0.2.1:" + std::to_string(k)), "no", k * 500), std::nullopt);
-  EXPECT_EQ(repeats.take(from("192.0.2.2:5004"), "no", 1000), 0u);   // another client
-  EXPECT_EQ(repeats.take(from("192.0.2.1:5004"), "why", 1000), 0u);  // another refusal
-  EXPECT_EQ(repeats.take(from("192.0.2.1:5004"), "no", Repeats::kEvery), 100u);
-  EXPECT_EQ(repeats.take(from("192.0.2.1:5004"), "no", Repeats::kEvery + 1), std::nullopt);
-  // Whoever varies his requests shares one line with all others that do, until the minute is over.
-  int written = 0;
-  for (int k = 0; k < 5000; ++k) written += repeats.take(from("192.0.2.3:1"), std::to_string(k), Repeats::kEvery + 2).has_value();
-  EXPECT_LE(written, static_cast<int>(Repeats::kMaxKinds));
-  EXPECT_EQ(repeats.take(from("192.0.2.4:1"), "no", 3 * Repeats::kEvery), 0u);
+  const auto from = [](std::string_view peer, std::string_view reason = "session", std::string_view session = {}) {
+    return About{.session = session, .peer = peer, .event = "refused", .reason = reason};
+  };
+  // The same once, whatever the port; of different ones kMaxRefused.
+  EXPECT_TRUE(repeats.take(from("192.0.2.1:5004"), "no", 0));
+  for (int k = 1; k <= 100; ++k) EXPECT_FALSE(repeats.take(from("192.0.2.1:" + std::to_string(k)), "no", k));
+  std::size_t written = 1;
+  for (int k = 0; k < 5000; ++k) written += repeats.take(from("192.0.2.1:1", "session", std::to_string(k)), "no", 200);
+  for (int k = 0; k < 5000; ++k) written += repeats.take(from("192.0.2.1:1"), std::to_string(k), 300);
+  EXPECT_EQ(written, Repeats::kMaxRefused);
+  // Others are heard meanwhile.
+  EXPECT_TRUE(repeats.take(from("192.0.2.2:5004"), "no", 1000));
+  EXPECT_TRUE(repeats.take(from("[2001:db8::1]:5004"), "no", 1000));
+  EXPECT_FALSE(repeats.take(from("[2001:db8::1]:5005"), "no", 1000));
+  EXPECT_TRUE(repeats.take(from("2001:db8::1"), "no", 1000));  // behind a proxy: without a port
+  EXPECT_TRUE(repeats.take(from("2001:db8::2"), "no", 1000));
+  EXPECT_TRUE(repeats.take(from("192.0.2.1:5004", "token"), "no", 1000));
+  // When the minute is over, each client is told of with what was left out, once.
+  EXPECT_TRUE(repeats.leftOut(Repeats::kEvery - 1).empty());
+  const auto said = repeats.leftOut(Repeats::kEvery);
+  ASSERT_EQ(said.size(), 1u);  // the others' minute goes on
+  EXPECT_EQ(said[0].client, "192.0.2.1");
+  EXPECT_EQ(said[0].reason, "session");
+  EXPECT_EQ(said[0].lines, 100 + 10'000 - (Repeats::kMaxRefused - 1));
+  const auto rest = repeats.leftOut(Repeats::kEvery, true);
+  ASSERT_EQ(rest.size(), 1u);
+  EXPECT_EQ(rest[0].client, "[2001:db8::1]");
+  EXPECT_EQ(rest[0].lines, 1u);
+  EXPECT_TRUE(repeats.leftOut(3 * Repeats::kEvery, true).empty());
+  EXPECT_TRUE(repeats.take(from("192.0.2.1:5004"), "no", 3 * Repeats::kEvery));  // again
+}
+
+TEST(Logging, WhatClientsDoAtWillIsBoundedForAllOfThem) {
+  Repeats repeats;
+  constexpr int kClients = 2000, kEach = 400;
+  std::size_t written = 0;
+  std::uint64_t counted = 0;
+  for (int client = 0; client < kClients; ++client) {
+    const std::string peer = "10.0." + std::to_string(client / 256) + "." + std::to_string(client % 256) + ":80";
+    for (int k = 0; k < kEach; ++k) written += repeats.take({.peer = peer, .event = "hello"}, "says hello", k);
+  }
+  EXPECT_EQ(written, (Repeats::kMaxKinds + 1) * Repeats::kMaxOthers);  // those beyond share a kind
+  for (const auto& left : repeats.leftOut(2 * Repeats::kEvery)) counted += left.lines;
+  EXPECT_EQ(written + counted, std::uint64_t{kClients} * kEach);
 }
 
 TEST(Logging, ALineIsOneLineAndJsonParses) {
