@@ -241,7 +241,7 @@ Work Conversation::next(std::size_t queuedBytes) {
     pose_ = poses_.front();
     poses_.pop_front();
   }
-  Iterate work{pose_, {}, {}};
+  Iterate work{pose_, {}, {}, {}};
   const std::uint32_t candidates = granted_.candidates;
   for (; !changes_.empty() && (!lockstep() || changes_.front().after < pose_.sequence); changes_.pop_front())
     work.granted = granted_ = changes_.front().granted;
@@ -253,6 +253,7 @@ Work Conversation::next(std::size_t queuedBytes) {
     if (!current_.isForGround) insertionRate_.begin();
     work.insertions =
         std::min({byteRate_.insertions(), insertionRate_.insertions(), current_.isForGround ? kMaxForGround : InsertionRate::kMax});
+    work.isHurried = insertionRate_.insertions() <= *work.insertions;
   }
   return work;
 }

@@ -69,6 +69,7 @@ struct Iterate {
   wire::PoseMessage pose;
   std::optional<wire::Settings> granted;    // apply from this iteration on; tell the client first
   std::optional<std::uint32_t> insertions;  // at most, from this iteration on
+  bool isHurried = false;                   // it may insert fewer vertices so that iterations keep pace with poses
 };
 using Work = std::variant<std::monostate, Greet, SendTiles, wire::FindEdits, SendSquares, Iterate>;
 

@@ -11,12 +11,16 @@ void CameraFigures::arrived(std::uint64_t pose) {
   arrivals_.emplace_back(pose, timer_.now());
 }
 
-void CameraFigures::holds(std::uint32_t triangles, bool withheld) {
+void CameraFigures::holds(std::uint32_t triangles, metrics::Withheld by) {
   const std::lock_guard lock(mutex_);
   all_->triangles.Increment(static_cast<double>(triangles) - triangles_);
-  all_->withheld.Increment(static_cast<double>(withheld) - withheld_);
+  const auto count = [&](metrics::Withheld what, double one) {
+    if (what != metrics::Withheld::kNone) all_->withheld[static_cast<std::size_t>(what) - 1]->Increment(one);
+  };
+  count(withheld_, -1);
+  count(by, 1);
   triangles_ = triangles;
-  withheld_ = withheld;
+  withheld_ = by;
 }
 
 std::shared_ptr<const void> CameraFigures::sent(std::uint64_t pose, bool late) {

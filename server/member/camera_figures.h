@@ -17,11 +17,11 @@ class CameraFigures {
   CameraFigures(std::shared_ptr<metrics::Metrics> all, const session::Timer& timer) : all_(std::move(all)), timer_(timer) {}
   CameraFigures(const CameraFigures&) = delete;
   CameraFigures& operator=(const CameraFigures&) = delete;
-  ~CameraFigures() { holds(0, false); }
+  ~CameraFigures() { holds(0, metrics::Withheld::kNone); }
 
   void arrived(std::uint64_t pose);
-  // The mesh's triangles now, and whether detail is withheld.
-  void holds(std::uint32_t triangles, bool withheld);
+  // The mesh's triangles now, and what withholds detail.
+  void holds(std::uint32_t triangles, metrics::Withheld by);
   // An iteration for this pose is sent; the message's ticket (sender.h) tells when it has left. Late: a newer pose has come.
   std::shared_ptr<const void> sent(std::uint64_t pose, bool late);
 
@@ -32,7 +32,7 @@ class CameraFigures {
   const session::Timer& timer_;
   std::mutex mutex_;
   std::uint32_t triangles_ = 0;
-  bool withheld_ = false;
+  metrics::Withheld withheld_ = metrics::Withheld::kNone;
   std::deque<std::pair<std::uint64_t, session::Timer::Time>>
       arrivals_;  // of poses without an iteration yet; at most kMaxArrivals, the newest
 };

@@ -95,6 +95,14 @@ wire::World worldOf(const session::Session& session, const wire::Settings& grant
   return world;
 }
 
+// What keeps the mesh from its threshold, as the next iteration's room (pipeline).
+metrics::Withheld withheldBy(const settings::IterationStats& figures, const wire::Settings& granted, bool isHurried) {
+  if (figures.effectiveThreshold <= granted.threshold) return metrics::Withheld::kNone;
+  const std::uint32_t budgeted = granted.triangleBudget > figures.triangles ? (granted.triangleBudget - figures.triangles) / 2 : 0;
+  if (budgeted < figures.insertionLimit) return metrics::Withheld::kTriangles;
+  return isHurried ? metrics::Withheld::kProcessor : metrics::Withheld::kBytes;
+}
+
 void noteQuestion(const session::Session& session, std::uint64_t camera, std::size_t places, const wire::ClientMessage& question) {
   recording::Asked asked{camera, static_cast<std::uint32_t>(places)};
   if (places <= 64) asked.message = wire::encode(question);
@@ -309,7 +317,7 @@ void CameraSession::run() {
     }
     freed = std::exchange(task_, {});
     disappointed.swap(copies_);
-    figures_.holds(0, false);
+    figures_.holds(0, metrics::Withheld::kNone);
   }
   for (const session::TakeCopy& done : disappointed) done(nullptr);
   if (!freed.mesh && !failed) return;
@@ -452,7 +460,7 @@ void CameraSession::work(const conversation::Iterate& order) {
     iteration.figures = task_.mesh->iterate(order.pose.camera);
   }
   iteration.edit = task_.ground.edit;
-  figures_.holds(iteration.figures.triangles, iteration.figures.effectiveThreshold > conversation_.granted().threshold);
+  figures_.holds(iteration.figures.triangles, withheldBy(iteration.figures, conversation_.granted(), order.isHurried));
   iteration.poseSequence = order.pose.sequence;
   iteration.settled = task_.mesh->settled();
   task_.effectiveThreshold = iteration.figures.effectiveThreshold;

@@ -6,7 +6,11 @@
 
 #include <algorithm>
 #include <chrono>
+#include <filesystem>
 #include <fstream>
+#include <iterator>
+#include <limits>
+#include <system_error>
 
 #include "common/outcome/contract.h"
 
@@ -28,6 +32,19 @@ double processorSeconds() {
   return seconds(usage.ru_utime) + seconds(usage.ru_stime);
 }
 
+double openFiles() {
+  std::error_code failed;
+  const std::filesystem::directory_iterator files("/proc/self/fd", failed), end;
+  return failed ? 0 : static_cast<double>(std::distance(files, end)) - 1;  // without the one that lists them
+}
+
+double maxFiles() {
+  rlimit limit{};
+  getrlimit(RLIMIT_NOFILE, &limit);
+  return static_cast<double>(limit.rlim_cur);
+}
+
+const std::vector<double> kCommits{0.0005, 0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1, 2.5, 5, 10};
 const std::vector<double> kStageSeconds{0.0001, 0.00025, 0.0005, 0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1, 2.5};
 const std::vector<double> kDeliveries{0.005, 0.01, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.5, 1, 2, 5};
 const std::vector<double> kWork{0.001, 0.01, 0.1, 0.5, 1, 2, 5, 10, 20, 60, 120};
@@ -60,10 +77,11 @@ std::string Registry::text() const {
   auto families = registry_.Collect();
   const std::lock_guard lock(mutex_);
   for (const Computed& computed : computed_) {
-    if (families.empty() || families.back().name != computed.name)
-      families.push_back(
-          {computed.name, computed.help, computed.counts ? prometheus::MetricType::Counter : prometheus::MetricType::Gauge, {}});
-    auto& metric = families.back().metric.emplace_back();
+    auto family = std::ranges::find(families, computed.name, &prometheus::MetricFamily::name);
+    if (family == families.end())
+      family = families.insert(
+          family, {computed.name, computed.help, computed.counts ? prometheus::MetricType::Counter : prometheus::MetricType::Gauge, {}});
+    auto& metric = family->metric.emplace_back();
     metric.label = computed.labels;
     (computed.counts ? metric.counter.value : metric.gauge.value) = computed.value();
   }
@@ -79,7 +97,6 @@ Metrics::Metrics()
       heights(registry.counter("ridgecast_heights_total", "Heights evaluated by iterations.")),
       delivery(registry.histogram("ridgecast_delivery_seconds", "From a pose's arrival until its first iteration has left.", kDeliveries)),
       triangles(registry.gauge("ridgecast_triangles", "Live triangles of all cameras' meshes.")),
-      withheld(registry.gauge("ridgecast_cameras_withheld", "Cameras from which a budget or a busy machine withholds detail.")),
       resends(registry.counter("ridgecast_resend_requests_total", "Requests for leaves to be sent again.")),
       mismatches(registry.counter("ridgecast_hash_mismatches_total", "Acknowledgements of a mesh other than the one sent.")),
       bytesSent(registry.counter("ridgecast_sent_bytes_total", "Bytes of messages and answers sent.")),
@@ -88,17 +105,45 @@ Metrics::Metrics()
       connections(registry.counter("ridgecast_connections_total", "Connections accepted.")),
       tlsHandshakes(registry.counter("ridgecast_tls_handshakes_total", "TLS handshakes completed.")),
       streams(registry.counter("ridgecast_streams_total", "Streams opened.")),
+      editsMade(registry.counter("ridgecast_edits_total", "Edits acknowledged.")),
+      editCommit(registry.histogram("ridgecast_edit_commit_seconds", "How long a group of edits took to be stored.", kCommits)),
+      editLogsFailing(registry.gauge("ridgecast_edit_logs_failing", "Sessions whose edits could not be stored when last tried.")),
       streamsOpen(registry.gauge("ridgecast_streams", "Streams that are open.")) {
   for (std::size_t k = 0; k < stages.size(); ++k)
     stages[k] = &registry.histogram("ridgecast_stage_seconds", "Seconds that each stage of an iteration took.", kStageSeconds,
                                     {{"stage", std::string(kStages[k])}});
+  for (std::size_t k = 0; k < withheld.size(); ++k)
+    withheld[k] = &registry.gauge("ridgecast_cameras_withheld",
+                                  "Cameras from which detail is withheld, by what is short: triangles or bytes that they may have, or "
+                                  "processor.",
+                                  {{"short", std::string(kWithheldNames[k])}});
+  for (std::size_t k = 0; k < editRefusals.size(); ++k)
+    editRefusals[k] = &registry.counter("ridgecast_edit_refusals_total",
+                                        "Edits refused: wrong, too early after others, no room for them, or their session is over.",
+                                        {{"reason", std::string(kEditRefusals[k])}});
   for (std::size_t k = 0; k < refusals.size(); ++k)
     refusals[k] = &registry.counter("ridgecast_refusals_total", "Connections, requests and streams refused or sent away, by reason.",
                                     {{"reason", std::string(kRefusalNames[k])}});
   registry.compute("process_resident_memory_bytes", "Memory of this process.", residentBytes);
   registry.compute("process_cpu_seconds_total", "Processor time of this process.", processorSeconds, {}, true);
+  registry.compute("process_open_fds", "Files and sockets that this process has open.", openFiles);
+  registry.compute("process_max_fds", "The most that it may have open.", maxFiles);
   registry.compute("process_start_time_seconds", "When this process began, seconds since 1970.",
                    [now = std::chrono::duration<double>(std::chrono::system_clock::now().time_since_epoch()).count()] { return now; });
+}
+
+void Metrics::watchDisk(const std::string& of, const std::filesystem::path& folder) {
+  const auto compute = [&](const char* name, const char* help, std::uintmax_t std::filesystem::space_info::*part) {
+    registry.compute(name, help,
+                     [folder, part]() -> double {
+                       std::error_code failed;
+                       const auto found = std::filesystem::space(folder, failed);
+                       return failed ? std::numeric_limits<double>::quiet_NaN() : static_cast<double>(found.*part);
+                     },
+                     {{"of", of}});
+  };
+  compute("ridgecast_disk_bytes", "The disk of these files.", &std::filesystem::space_info::capacity);
+  compute("ridgecast_disk_free_bytes", "What this process may still write there.", &std::filesystem::space_info::available);
 }
 
 void Metrics::answered(const std::string& route, unsigned status) {

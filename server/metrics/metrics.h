@@ -7,6 +7,7 @@
 #include <prometheus/registry.h>
 
 #include <array>
+#include <filesystem>
 #include <functional>
 #include <mutex>
 #include <string>
@@ -27,7 +28,7 @@ class Registry {
   Gauge& gauge(const std::string& name, const std::string& help, const Labels& labels = {});
   // `bounds` ascend.
   Histogram& histogram(const std::string& name, const std::string& help, const std::vector<double>& bounds, const Labels& labels = {});
-  // A value that is computed when it is scraped, by whatever thread scrapes. Values of one name must be added one after another.
+  // A value that is computed when it is scraped, by whatever thread scrapes.
   void compute(const std::string& name, const std::string& help, std::function<double()> value, const Labels& labels = {},
                bool counts = false);
 
@@ -78,6 +79,13 @@ inline constexpr std::array<std::string_view, 23> kRefusalNames{
 
 constexpr std::string_view name(Refusal reason) { return kRefusalNames[static_cast<std::size_t>(reason)]; }
 
+// What withholds detail from a camera: its budget of triangles, that of bytes, or want of processor (conversation/rate.h, InsertionRate).
+enum class Withheld { kNone, kTriangles, kBytes, kProcessor };
+inline constexpr std::array<std::string_view, 3> kWithheldNames{"triangles", "bytes", "processor"};  // without kNone
+
+// Why an edit was refused: as session::Edits::Answer::Why.
+inline constexpr std::array<std::string_view, 5> kEditRefusals{"wrong", "early", "full", "over", "other"};
+
 struct Metrics {
   Metrics();
   void refused(Refusal reason) { refusals[static_cast<std::size_t>(reason)]->Increment(); }
@@ -85,13 +93,15 @@ struct Metrics {
 
   Registry registry;  // first: the others are its
   Counter &iterations, &iterationsSent, &iterationsLate, &inserted, &removed, &heights;
-  Histogram& delivery;                 // from a pose's arrival to its first iteration's departure
-  std::array<Histogram*, 5> stages{};  // select, generate, refine, triangulate, encode
-  Gauge& triangles;                    // live, of all cameras
-  Gauge& withheld;                     // cameras from which a budget or a busy machine withholds detail
-  Counter &resends, &mismatches;       // requests for leaves again; acknowledgements of another mesh
+  Histogram& delivery;                                   // from a pose's arrival to its first iteration's departure
+  std::array<Histogram*, 5> stages{};                    // select, generate, refine, triangulate, encode
+  Gauge& triangles;                                      // live, of all cameras
+  std::array<Gauge*, kWithheldNames.size()> withheld{};  // cameras
+  Counter &resends, &mismatches;                         // requests for leaves again; acknowledgements of another mesh
   Counter &bytesSent, &bytesReceived, &messagesReceived;
   Counter &connections, &tlsHandshakes, &streams;
+  // From now on, how full the disk of this folder is; `of`: what lies there.
+  void watchDisk(const std::string& of, const std::filesystem::path& folder);
   // An HTTP answer. `route`: of a fixed set.
   void answered(const std::string& route, unsigned status);
   // Work for HTTP answers, by queue: answers, snapshots, worlds.
@@ -99,6 +109,10 @@ struct Metrics {
     Histogram &wait, &seconds;
   };
   Work work(const std::string& queue);
+  Counter& editsMade;  // acknowledged; one repeated with its key counts again
+  std::array<Counter*, kEditRefusals.size()> editRefusals{};
+  Histogram& editCommit;   // of a group of edits
+  Gauge& editLogsFailing;  // sessions
   Gauge& streamsOpen;
   std::array<Counter*, kRefusalNames.size()> refusals{};
 };

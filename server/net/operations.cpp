@@ -16,7 +16,8 @@ double saturation(ServerContext& s) {
   const auto share = [](double used, double limit) { return limit > 0 ? used / limit : 0; };
   return std::min(1.0, std::max({share(s.directory->cameras(), limits.maxCameras), share(s.connections->served, s.settings.maxConnections),
                                  share(static_cast<double>(s.directory->all().size()), limits.maxSessions),
-                                 share(static_cast<double>(s.directory->triangles()), static_cast<double>(limits.maxTotalTriangles))}));
+                                 share(s.figures->triangles.Value(), static_cast<double>(limits.maxTotalTriangles)),
+                                 s.directory->resources().executor->usage()}));
 }
 
 namespace {
@@ -101,7 +102,10 @@ void addOperations(const std::shared_ptr<ServerContext>& shared) {
                                     {"sessions", limits.maxSessions},
                                     {"triangles", static_cast<double>(limits.maxTotalTriangles)}})
     registry.compute("ridgecast_limit", "The limit of each; 0: unlimited.", [value = limit] { return value; }, {{"of", name}});
-  gauge("ridgecast_saturation", "How full the server is, 0 to 1: the fullest of cameras, connections, sessions and triangles.", saturation);
+  gauge("ridgecast_saturation",
+        "How full the server is, 0 to 1: the fullest of cameras, connections, sessions, live triangles and processor.", saturation);
+  gauge("ridgecast_processor_usage", "Share of the threads for meshes that were at work in the last seconds, 0 to 1.",
+        [](ServerContext& s) { return s.directory->resources().executor->usage(); });
   gauge("ridgecast_certificate_expiry_seconds", "When the certificate expires, seconds since 1970; 0: no TLS.",
         [](ServerContext& s) -> double {
           const auto tls = s.tls();

@@ -60,6 +60,8 @@ struct Executor::State {
   std::deque<std::shared_ptr<Pool::Impl>> ready;  // pools with work and room, served in turn
   Atomic<std::size_t> waiting{0};                 // ready.size()
   unsigned longTasks = 0;                         // in flight
+  unsigned inFlight = 0;                          // of all pools, without what runs outside this executor's threads
+  Usage usage;                                    // of inFlight
   Condition shortWork;                            // of the thread for short tasks
   std::unordered_set<Pool::Impl*> pools;
   unsigned idle = 0;
@@ -137,6 +139,7 @@ void Executor::State::workFor(const std::shared_ptr<Pool::Impl>& pool, std::uniq
   const bool isLong = !region && !pool->posted.empty() && pool->isLong();
   pool->queued = false;
   ++pool->inFlight;
+  usage.set(++inFlight, currentTime());
   longTasks += isLong;
   std::function<void()> task;
   if (region) {
@@ -159,6 +162,7 @@ void Executor::State::workFor(const std::shared_ptr<Pool::Impl>& pool, std::uniq
   expects(pool->inFlight > 0, "a task that ends was in flight");
   if (region && --region->helpers == 0) region->helpersGone.notify_one();
   --pool->inFlight;
+  usage.set(--inFlight, currentTime());
   pool->noteChange();
   summon(*pool, takers);
 }
@@ -249,6 +253,11 @@ Executor::~Executor() {
 }
 
 unsigned Executor::threads() const { return state_->threads; }
+
+double Executor::usage() const {
+  const std::lock_guard lock(state_->mutex);
+  return std::min(1.0, state_->usage.mean(currentTime()) / state_->threads);
+}
 
 std::size_t Executor::queued() const {
   const std::lock_guard lock(state_->mutex);

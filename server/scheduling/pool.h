@@ -36,6 +36,8 @@ class Executor {
   unsigned threads() const;
   // Posted tasks that no thread has begun, of all pools. Any thread.
   std::size_t queued() const;
+  // Share of the threads that have been at work in the last seconds, 0 to 1, whether a processor ran them or not. Any thread.
+  double usage() const;
   // Without threads: the calling thread runs all posted tasks, including those that they post.
   void work();
   // limit 0: min(4, threads). The pool may outlive the executor, but must not be used then.

@@ -10,6 +10,8 @@
 #include <mutex>
 #include <thread>
 
+#include "server/scheduling/usage.h"
+
 namespace ridgecast::scheduling {
 
 using Mutex = std::mutex;
@@ -23,6 +25,8 @@ inline std::chrono::nanoseconds threadCpuTime() {
   clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
   return std::chrono::seconds(t.tv_sec) + std::chrono::nanoseconds(t.tv_nsec);
 }
+
+inline std::chrono::steady_clock::time_point currentTime() { return std::chrono::steady_clock::now(); }
 
 // An idle thread spins this long before it sleeps: an iteration is a series of short loops, and waking a thread takes longer.
 inline constexpr std::chrono::microseconds kSpin{100};

@@ -12,6 +12,7 @@
 #include <ctime>
 #include <fstream>
 #include <map>
+#include <memory>
 #include <nlohmann/json.hpp>
 #include <regex>
 #include <set>
@@ -65,7 +66,8 @@ TEST(Operations, FiguresUnderLoadAreThereAndSane) {
   EXPECT_GT(now["ridgecast_delivery_seconds_sum"], 0);
   EXPECT_LT(now["ridgecast_delivery_seconds_sum"], static_cast<double>(kTimeout.count()));
   EXPECT_EQ(now["ridgecast_iterations_late_total"], 0);  // in lock-step
-  EXPECT_EQ(now["ridgecast_cameras_withheld"], 0);
+  for (const char* what : {"triangles", "bytes", "processor"})
+    EXPECT_EQ(now.at(std::string("ridgecast_cameras_withheld{short=\"") + what + "\"}"), 0) << what;
   EXPECT_EQ(now["ridgecast_hash_mismatches_total"], 0);
   EXPECT_EQ(now["ridgecast_resend_requests_total"], 0);
   EXPECT_EQ(now["ridgecast_limit{of=\"cameras\"}"], 256);
@@ -175,6 +177,38 @@ TEST(Operations, EveryLineOfTheLogIsJsonWhateverClientsSay) {
   EXPECT_GT(ofCamera, 0) << output;
   EXPECT_EQ(ended, 1) << output;
   EXPECT_GT(count, 12);
+}
+
+// Four cameras at once want more than one thread can do; then nobody wants anything.
+TEST(Operations, SaturationRisesAndFallsWithTheProcessor) {
+  ServerProcess server(RIDGECAST_SERVER, {"--threads", "1"});
+  const std::string withheld = "ridgecast_cameras_withheld{short=\"processor\"}";
+  {
+    wire::Settings fine;
+    fine.threshold = 0.1;
+    fine.triangleBudget = 2'000'000;
+    std::vector<std::unique_ptr<Flier>> fliers;
+    for (int k = 0; k < 4; ++k) fliers.push_back(std::make_unique<Flier>(server.url(), fine, wire::Pacing::kFree));
+    const PathCamera path(RIDGECAST_PATHS "/alpine.json", fliers[0]->world());
+    double time = 0;
+    std::map<std::string, double> now;
+    EXPECT_TRUE(await([&] {
+      for (int poses = 0; poses < 20; ++poses) {
+        time += 0.5;
+        for (std::size_t k = 0; k < fliers.size(); ++k) fliers[k]->send(path.looped(time + 10.0 * static_cast<double>(k)));
+        for (const auto& flier : fliers)
+          while (flier->take(10ms)) continue;
+      }
+      now = scrape(server.port());
+      return now["ridgecast_saturation"] > 0.9 && now[withheld] > 0;
+    })) << now["ridgecast_saturation"]
+        << ", " << now[withheld];
+    EXPECT_EQ(now["ridgecast_saturation"], now["ridgecast_processor_usage"]);
+  }
+  EXPECT_TRUE(await([&] {
+    auto now = scrape(server.port());
+    return now["ridgecast_saturation"] < 0.1 && now[withheld] == 0;
+  }));
 }
 
 TEST(Operations, TheAdminPortTakesNeitherTokenNorTls) {

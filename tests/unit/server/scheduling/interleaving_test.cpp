@@ -12,6 +12,11 @@ using interleaving::Condition;
 using interleaving::Mutex;
 using interleaving::Thread;
 inline std::chrono::nanoseconds threadCpuTime() { return interleaving::cpuTime(); }
+inline std::chrono::steady_clock::time_point currentTime() { return {}; }
+struct Usage {  // decides nothing, and its times would make each state a new one
+  void set(unsigned, std::chrono::steady_clock::time_point) {}
+  static double mean(std::chrono::steady_clock::time_point) { return 0; }
+};
 // Threads may go on before each look: looking once can turn out in all ways in which looking for a while can.
 template <class Predicate>
 bool spinUntil(const Predicate& condition) {

@@ -262,6 +262,20 @@ TEST(Scheduling, WithoutThreadsAllIsDoneByWhoCalls) {
   EXPECT_EQ(order, "--a012bc");
 }
 
+TEST(Scheduling, UsageIsTheShareOfThreadsAtWorkLately) {
+  using testing_support::await;
+  std::promise<void> release;
+  Executor executor(2);
+  auto pool = executor.makePool();
+  EXPECT_EQ(executor.usage(), 0);
+  ASSERT_TRUE(pool->post([gate = release.get_future().share()] { gate.wait(); }));
+  EXPECT_TRUE(await([&] { return executor.usage() > 0.1; }));
+  const double once = executor.usage();
+  EXPECT_LE(once, 0.5) << "one of two threads";
+  release.set_value();
+  EXPECT_TRUE(await([&] { return executor.usage() < once / 2; }));
+}
+
 TEST(Scheduling, QueueOfPostedTasksIsBounded) {
   std::atomic<int> ran{0};
   std::promise<void> release, started;
