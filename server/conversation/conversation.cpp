@@ -88,7 +88,8 @@ Conversation::Refusal Conversation::take(const wire::Hello& hello) {
                                                  " and the client version " + std::to_string(hello.protocolVersion) +
                                                  ": both must be the same."};
   if (stage_ != Stage::kExpectsHello) return ErrorMessage{ErrorCode::kMalformed, "A second hello came; a connection has exactly one."};
-  granted_ = terms_.grant(hello.placesOnly ? leastMesh(hello.settings) : hello.settings);
+  requested_ = hello.placesOnly ? leastMesh(hello.settings) : hello.settings;
+  granted_ = terms_.grant(requested_);
   byteRate_.setRate(granted_.bytesPerSecond);
   replica_.setFollowsPoints(hello.points);
   hello_ = hello;
@@ -179,8 +180,15 @@ Conversation::Refusal Conversation::take(const wire::ChangeSettings& change) {
   if (changes_.size() >= kMaxQueuedPoses)
     return ErrorMessage{ErrorCode::kLimit, "More than " + std::to_string(kMaxQueuedPoses) +
                                                " changes of settings wait for their poses: change them when iterations have arrived."};
-  if (!hello_.placesOnly) changes_.push_back({lastSequence_, terms_.grant(change.settings)});
+  if (hello_.placesOnly) return {};
+  requested_ = change.settings;
+  changes_.push_back({lastSequence_, terms_.grant(requested_)});
   return {};
+}
+
+void Conversation::grantAgain() {
+  expects(runs() && !lockstep(), "in lock-step only the client decides what its iterations are");
+  changes_.assign(1, {lastSequence_, terms_.grant(requested_)});
 }
 
 void Conversation::close() {

@@ -99,6 +99,8 @@ class Conversation {
   void leave() { leaves_ = true; }
   // After the first Iterate, in place of an iteration: the mesh is what the client holds. iterated() comes next.
   void restored(std::span<const mesh::LeafState> leaves);
+  // Free pacing, while it runs: what was requested last is granted again, as the terms are now, as if the client had requested it again.
+  void grantAgain();
   // After Iterate: what to send of the current mesh, or nothing. `leaves` in canonical order.
   std::optional<replica::Changes> iterated(std::span<const mesh::LeafState> leaves, bool settled);
   void sent(const wire::Iteration& iteration, Time now);
@@ -108,8 +110,12 @@ class Conversation {
   bool runs() const { return stage_ == Stage::kRuns; }
   bool closed() const { return stage_ == Stage::kClosed; }
   const wire::Hello& hello() const { return hello_; }
-  const wire::Settings& granted() const { return granted_; }  // as of the last iteration
-  const wire::PoseMessage& pose() const { return pose_; }     // of the last iteration
+  const wire::Settings& granted() const { return granted_; }      // as of the last iteration
+  const wire::Settings& requested() const { return requested_; }  // last
+  // As of the next iteration.
+  const wire::Settings& newestGrant() const { return changes_.empty() ? granted_ : changes_.back().granted; }
+  bool isLockstep() const { return lockstep(); }
+  const wire::PoseMessage& pose() const { return pose_; }  // of the last iteration
   std::optional<wire::PoseMessage> newestPose() const { return poses_.empty() ? std::nullopt : std::optional(poses_.back()); }
   bool isLate() const { return !lockstep() && !poses_.empty(); }  // a newer pose than the last iteration's has come
   std::uint64_t mismatches() const { return mismatches_; }        // acknowledgements of another mesh than the one sent
@@ -144,7 +150,7 @@ class Conversation {
   const Terms terms_;
   Stage stage_ = Stage::kExpectsHello;
   wire::Hello hello_;
-  wire::Settings granted_;
+  wire::Settings requested_, granted_;
   std::uint64_t lastSequence_ = 0;
   std::deque<wire::PoseMessage> poses_;       // lock-step: at most kMaxQueuedPoses; free: at most one, the newest
   std::deque<Change> changes_;                // as poses_

@@ -134,6 +134,7 @@ void CameraSession::receive(wire::ClientMessage message) {
   if (std::holds_alternative<wire::ResendLeaves>(message)) all.resends.Increment();
   if (const auto* pose = std::get_if<wire::PoseMessage>(&message); pose && !refusal) figures_.arrived(pose->sequence);
   if (!refusal) refusal = std::visit([this](auto& m) { return attend(m); }, message);
+  if (std::holds_alternative<wire::ChangeSettings>(message) && !refusal) watchRoom();
   if (!refusal && !wake()) refusal = ErrorMessage{ErrorCode::kInternal, "The server is shutting down."};
   if (refusal) refuse(std::move(*refusal));
 }
@@ -279,6 +280,26 @@ void CameraSession::watchAcknowledgements() {
                                  " minutes: no other is sent before; acknowledge each when it was applied."});
 }
 
+void CameraSession::watchRoom() {
+  const session::Timer& timer = *session_->resources().timer;
+  const std::uint32_t wanted = pipeline::grant(conversation_.requested(), session_->resources().limits.mesh).triangleBudget;
+  if (!conversation_.runs() || conversation_.isLockstep() || conversation_.newestGrant().triangleBudget >= wanted) return;
+  room_.alarm.set(timer, timer.now() + kSeeksRoom, weak_from_this(), mutex_, &CameraSession::seekRoom);
+}
+
+void CameraSession::seekRoom() {
+  if (!conversation_.runs()) return;
+  const std::uint32_t wanted = pipeline::grant(conversation_.requested(), session_->resources().limits.mesh).triangleBudget,
+                      granted = conversation_.newestGrant().triangleBudget;
+  const bool isThere = granted < wanted && membership_.quota->offer(wanted) >= std::min<std::uint64_t>(wanted, 2ull * granted);
+  if (std::exchange(room_.isThere, isThere) && isThere) {
+    conversation_.grantAgain();
+    room_.isThere = false;
+    wake();
+  }
+  watchRoom();
+}
+
 void CameraSession::run() {
   bool failed = false;
   try {
@@ -348,6 +369,7 @@ void CameraSession::work(const conversation::Greet&) {
   session_->presence().setBudget(id_, granted.bytesPerSecond);
   news_.told = std::max(hello.editsAfter, session_->edits().compacted());
   tellEdits();
+  watchRoom();
 }
 
 void CameraSession::goAway() { sender_->fail({ErrorCode::kGoingAway, "The session begins again; connect again.", {}}); }

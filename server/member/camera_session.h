@@ -51,6 +51,10 @@ class CameraSession final : public session::LiveCamera, public std::enable_share
   // A client that resumes waits this long for its checkpoint; a checkpoint waits this long for its client.
   static constexpr std::chrono::milliseconds kCheckpointTimeout{300};
   static constexpr std::chrono::seconds kCheckpointLife{60};
+  // A camera in free pacing that was granted fewer triangles than it requested looks this often for more. It takes them if there is room
+  // twice in a row, so that clients that come back within seconds find what they had, and if they are all that it requested or twice what
+  // it has: a mesh begins again for them.
+  static constexpr std::chrono::seconds kSeeksRoom{10};
 
   // A client whose window has been full this long without an acknowledgement is sent away.
   static constexpr std::chrono::minutes kAcknowledgeTimeout{5};
@@ -79,6 +83,8 @@ class CameraSession final : public session::LiveCamera, public std::enable_share
   void tellNext();
   bool wake();  // false: the pool accepts no more
   void watchAcknowledgements();
+  void watchRoom();  // for more triangles
+  void seekRoom();
   void end();
   void refuse(wire::ErrorMessage message);
 
@@ -114,6 +120,10 @@ class CameraSession final : public session::LiveCamera, public std::enable_share
     session::Timer::Time since{};
     session::Alarm alarm;
   } watched_;
+  struct {
+    bool isThere = false;  // at the last look
+    session::Alarm alarm;
+  } room_;
   CameraFigures figures_;
   std::vector<session::TakeCopy> copies_;  // requested
   std::string key_;                        // of this camera's checkpoint; empty: its mesh is not handed over

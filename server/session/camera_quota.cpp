@@ -30,17 +30,27 @@ CameraQuota::Share::~Share() {
   quota_->triangles_ -= triangles_;
 }
 
-std::uint32_t CameraQuota::Share::grant(std::uint32_t requested) {
-  CameraQuota& all = *quota_;
-  const std::lock_guard lock(all.mutex_);
+std::uint32_t CameraQuota::Share::offerNow(std::uint32_t requested) const {
+  const CameraQuota& all = *quota_;
   expects(triangles_ > 0, "who is granted triangles has a share");
   if (all.maxTriangles_ == 0) return requested;
   expects(all.triangles_ <= all.maxTriangles_ && all.cameras_ <= all.maxCameras_, "no more is granted than there is");
   const std::uint64_t left = all.maxTriangles_ - all.triangles_;
   const std::uint64_t kept = std::min<std::uint64_t>(std::uint64_t{kMinBudget} * (all.maxCameras_ - all.cameras_), all.maxTriangles_ / 2);
   const std::uint64_t most = triangles_ + (left > kept ? left - kept : 0);
-  const auto granted = static_cast<std::uint32_t>(std::min<std::uint64_t>(requested, most));
-  if (granted > triangles_) {
+  return static_cast<std::uint32_t>(std::min<std::uint64_t>(requested, most));
+}
+
+std::uint32_t CameraQuota::Share::offer(std::uint32_t requested) const {
+  const std::lock_guard lock(quota_->mutex_);
+  return offerNow(requested);
+}
+
+std::uint32_t CameraQuota::Share::grant(std::uint32_t requested) {
+  CameraQuota& all = *quota_;
+  const std::lock_guard lock(all.mutex_);
+  const std::uint32_t granted = offerNow(requested);
+  if (all.maxTriangles_ != 0 && granted > triangles_) {
     all.triangles_ += granted - triangles_;
     triangles_ = granted;
   }

@@ -2,7 +2,8 @@
 // How many cameras a server has at most, and how many triangles are set aside for each.
 //
 // A camera has at least settings::kMinBudget. Beyond that it is granted what is left after reserving as much for every camera that may
-// still come (at most half of all). What a camera was granted stays set aside until it ends: its mesh keeps its memory.
+// still come (at most half of all). What a camera was granted stays set aside until it ends: its mesh keeps its memory. A camera that was
+// granted less than it requested is granted more when others have ended (member/camera_session.h).
 
 #include <cstdint>
 #include <memory>
@@ -27,9 +28,12 @@ class CameraQuota : public std::enable_shared_from_this<CameraQuota> {
     Share& operator=(const Share&) = delete;
     // The budget for a camera that requests this one: the same or less.
     std::uint32_t grant(std::uint32_t requested);
+    // What grant() would return.
+    std::uint32_t offer(std::uint32_t requested) const;
 
    private:
     friend class CameraQuota;
+    std::uint32_t offerNow(std::uint32_t requested) const;  // under the lock
     const std::shared_ptr<CameraQuota> quota_;
     std::uint64_t triangles_ = 0;  // set aside; under the lock
   };

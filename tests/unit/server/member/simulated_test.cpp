@@ -269,6 +269,105 @@ TEST(Simulated, WhoNeverAcknowledgesIsToldSo) {
   camera->close();
 }
 
+// Cameras in the default session of a server that has 1,000,000 triangles for four.
+struct Room : testing::Test {
+  struct Member {
+    std::shared_ptr<Client> client = std::make_shared<Client>();
+    std::shared_ptr<CameraSession> camera;
+    std::uint32_t granted() const { return client->granted().empty() ? first : client->granted().back().triangleBudget; }
+    std::uint32_t first = 0;  // granted with the world
+  };
+  void SetUp() override {
+    resources->executor = &executor;
+    resources->limits.maxCameras = 4;
+    resources->limits.maxTotalTriangles = 1'000'000;
+    script->next = [](int, const camera::Camera&) { return Script::State{{{{0, 1, 2}, 1}}, true}; };
+    resources->makeMesh = scriptedMeshes(script);
+    directory = std::make_shared<Directory>(resources, flatTerrain());
+  }
+  void TearDown() override {
+    for (const auto& camera : cameras) camera->close();
+  }
+  Member join(std::uint32_t budget, wire::Pacing pacing = wire::Pacing::kFree) {
+    Member member;
+    const auto session = directory->find(kDefaultName);
+    member.camera = std::make_shared<CameraSession>(session, session->enter().value(), directory->nextCameraId(), member.client);
+    cameras.push_back(member.camera);
+    wire::Hello hello;
+    hello.pacing = pacing;
+    hello.settings.triangleBudget = budget;
+    member.camera->receive(hello);
+    const auto world = member.client->world();
+    EXPECT_TRUE(world);
+    member.first = world ? world->settings.triangleBudget : 0;
+    member.camera->receive(wire::PoseMessage{1, {}});
+    EXPECT_TRUE(member.client->iteration());
+    return member;
+  }
+  void leave(Member& member) {
+    member.camera->close();
+    std::erase(cameras, member.camera);
+    member.camera.reset();
+    EXPECT_TRUE(testing_support::await([&] { return directory->cameras() == cameras.size(); }));
+  }
+  void pass(Timer::Time::duration time) {
+    timer.advance(time);
+    EXPECT_TRUE(testing_support::await([&] { return executor.queued() == 0; }));
+  }
+
+  std::shared_ptr<Script> script = std::make_shared<Script>();
+  scheduling::Executor executor{1};
+  std::shared_ptr<Resources> resources = std::make_shared<Resources>();
+  SimulatedTimer& timer = simulateTime(*resources);
+  std::shared_ptr<Directory> directory;
+  std::vector<std::shared_ptr<CameraSession>> cameras;
+};
+
+TEST_F(Room, ACameraThatWasGrantedLittleGetsMoreWhenThereIsRoom) {
+  Member first = join(600'000), second = join(600'000);
+  ASSERT_EQ(first.first, 600'000u);
+  ASSERT_EQ(second.first, 380'000u);
+  pass(5 * CameraSession::kSeeksRoom);
+  EXPECT_TRUE(second.client->granted().empty()) << "there is no room";
+  // Somebody leaves and comes back: nothing is taken.
+  leave(first);
+  pass(CameraSession::kSeeksRoom);
+  first = join(600'000);
+  EXPECT_EQ(first.first, 600'000u);
+  pass(5 * CameraSession::kSeeksRoom);
+  EXPECT_TRUE(second.client->granted().empty());
+  // For good: it is told, with the first iteration of its new mesh.
+  leave(first);
+  pass(CameraSession::kSeeksRoom);
+  EXPECT_TRUE(second.client->granted().empty());
+  pass(CameraSession::kSeeksRoom);
+  EXPECT_TRUE(testing_support::await([&] { return second.granted() == 600'000u; }));
+  EXPECT_TRUE(testing_support::await([&] { return directory->triangles() == 600'000u; }));
+  pass(10 * CameraSession::kSeeksRoom);
+  EXPECT_EQ(second.client->granted().size(), 1u) << "it has all that it asked for";
+  EXPECT_EQ(script->changes.size(), 1u);
+}
+
+TEST_F(Room, LessThanTwiceAsMuchIsNotWorthAnotherMesh) {
+  Member large = join(600'000), half = join(350'000), small = join(600'000);
+  ASSERT_EQ(small.first, 40'000u);
+  leave(half);
+  Member other = join(325'000);
+  ASSERT_EQ(other.first, 325'000u);
+  pass(5 * CameraSession::kSeeksRoom);
+  EXPECT_TRUE(small.client->granted().empty()) << "65,000 would be left for it";
+  leave(other);
+  pass(2 * CameraSession::kSeeksRoom);
+  EXPECT_TRUE(testing_support::await([&] { return small.granted() == 380'000u; })) << "not all, but twice and more";
+}
+
+TEST_F(Room, InLockStepNobodyElseChangesTheMesh) {
+  Member first = join(600'000), second = join(600'000, wire::Pacing::kLockstep);
+  leave(first);
+  pass(10 * CameraSession::kSeeksRoom);
+  EXPECT_TRUE(second.client->granted().empty());
+}
+
 TEST(Simulated, SessionsInWhichNobodySaidHelloEndWithinSeconds) {
   scheduling::Executor executor(1);
   auto resources = std::make_shared<Resources>();
