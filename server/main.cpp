@@ -42,6 +42,7 @@
 #include "server/http/tilesets.h"
 #include "server/http/worlds.h"
 #include "server/logging/logging.h"
+#include "server/metrics/metrics.h"
 #include "server/net/health.h"
 #include "server/net/server.h"
 #include "server/recording/recorder.h"
@@ -106,7 +107,19 @@ Outcome<std::shared_ptr<const http::Site>> loadSite(std::filesystem::path folder
 // A complaint may have several lines. Clients cause them by the worlds that they ask for.
 void warn(const std::string& complaint) {
   std::istringstream lines(complaint);
-  for (std::string line; std::getline(lines, line);) logging::warning(line);
+  for (std::string line; std::getline(lines, line);) logging::warning({.reason = "world"}, line);
+}
+
+// The figures of recordings. The recorder outlives them.
+void addFigures(metrics::Metrics& figures, const recording::Recorder& recorder, const config::Config& config) {
+  metrics::Registry& registry = figures.registry;
+  registry.compute("ridgecast_recordings_bytes", "What recordings take on the disk.",
+                   [&] { return static_cast<double>(recorder.usage().keptBytes); });
+  registry.compute("ridgecast_limit", "", [most = static_cast<double>(config.recordBytes)] { return most; }, {{"of", "recording_bytes"}});
+  registry.compute(
+      "ridgecast_recordings_failed_total", "Recordings that ended early; the log says why.",
+      [&] { return static_cast<double>(recorder.usage().failed); }, {}, true);
+  figures.watchDisk("recordings", config.record);
 }
 
 // Returns after SIGINT or SIGTERM.
@@ -266,6 +279,7 @@ int serve(const config::Config& config, const sigset_t& signals, const BeginServ
   server = std::move(*listening);
   if (!config.portFile.empty() && !writePortFile(config.portFile, server->port()))
     return refuse("Cannot write the port file '" + config.portFile.string() + "'; name a file in a folder that can be written.");
+  if (recorder) addFigures(*resources->figures, *recorder, config);
   if (!server->adminUrl().empty()) logging::info("admin port at " + server->adminUrl());
   if (const terrain::Raster* map = (*terrain)->raster()) logging::info("height map: " + raster::describe(*map));
   logging::info("listening on " + server->url() + " with " + std::to_string(executor.threads()) + " threads, terrain " +

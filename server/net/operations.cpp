@@ -100,7 +100,8 @@ void addOperations(const std::shared_ptr<ServerContext>& shared) {
   for (const auto& [name, limit] : {std::pair<const char*, double>{"cameras", limits.maxCameras},
                                     {"connections", shared->settings.maxConnections},
                                     {"sessions", limits.maxSessions},
-                                    {"triangles", static_cast<double>(limits.maxTotalTriangles)}})
+                                    {"triangles", static_cast<double>(limits.maxTotalTriangles)},
+                                    {"edit_bytes", static_cast<double>(shared->directory->resources().editSpace->limits.server)}})
     registry.compute("ridgecast_limit", "The limit of each; 0: unlimited.", [value = limit] { return value; }, {{"of", name}});
   gauge("ridgecast_saturation",
         "How full the server is, 0 to 1: the fullest of cameras, connections, sessions, live triangles and processor.", saturation);
@@ -130,6 +131,9 @@ void addOperations(const std::shared_ptr<ServerContext>& shared) {
                      of(depth), {{"queue", name}});
   registry.compute("ridgecast_memory_limit_bytes", "What this process may use; 0: unknown.",
                    [limit = static_cast<double>(memory::available())] { return limit; });
+  gauge("ridgecast_edit_bytes", "The edits of the sessions that live.",
+        [](ServerContext& s) { return static_cast<double>(s.directory->resources().editSpace->kept.used()); });
+  if (const auto& state = shared->directory->resources().state; !state.empty()) shared->figures->watchDisk("state", state);
   gauge("ridgecast_ready", "1 if new streams are accepted.", [](ServerContext& s) -> double { return s.ready ? 1 : 0; });
   registry.compute(
       "ridgecast_build_info", "Always 1; its labels say what runs.", [] { return 1.0; },

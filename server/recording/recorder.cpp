@@ -97,6 +97,7 @@ struct Recorder::State {
   std::size_t waitingBytes = 0;
   bool ends = false;
   Usage usage;
+  std::atomic<std::uint64_t> failed{0};  // recordings
   std::thread thread;
 
   // The thread's.
@@ -118,6 +119,7 @@ struct Recorder::State {
   bool makeRoom(std::uint64_t bytes);
   void close(Writing& w);
   void close(Writing& w, Writing::File& file, unsigned number);
+  void fail(Writing& w, const std::string& why);  // takes nothing more, and says so. Any thread
   bool stop(Writing& w, const std::string& why);  // false
   bool end(Writing& w, const std::string& why);   // likewise, once the part's block is written
 };
@@ -129,8 +131,7 @@ class Recorder::Session final : public Observer {
   void note(Instant when, Event event) override {
     if (writing_->ended) return;
     const auto time = std::chrono::duration_cast<std::chrono::microseconds>(when - writing_->began).count();
-    if (!state_->push(writing_, {time, std::move(event)}, false) && !writing_->ended.exchange(true))
-      logging::error({.session = writing_->session}, "the recording ends: the disk is slower than what is to be recorded");
+    if (!state_->push(writing_, {time, std::move(event)}, false)) state_->fail(*writing_, "the disk is slower than what is to be recorded");
   }
 
  private:
@@ -169,6 +170,7 @@ Outcome<std::unique_ptr<Recorder>> Recorder::open(const fs::path& folder, std::u
     state->old.emplace_back(file, fs::file_size(file, failed));
     state->total += state->old.back().second;
   }
+  state->usage.keptBytes = state->total;
   return std::unique_ptr<Recorder>(new Recorder(std::move(state)));
 }
 
@@ -190,6 +192,7 @@ Recorder::Usage Recorder::usage() const {
   const std::lock_guard lock(state_->mutex);
   Usage usage = state_->usage;
   usage.waitingBytes = state_->waitingBytes;
+  usage.failed = state_->failed;
   return usage;
 }
 
@@ -237,6 +240,7 @@ void Recorder::State::run() {
     timespec spent{};
     clock_gettime(CLOCK_THREAD_CPUTIME_ID, &spent);
     const std::lock_guard lock(mutex);
+    usage.keptBytes = total;
     usage.seconds = static_cast<double>(spent.tv_sec) + static_cast<double>(spent.tv_nsec) / 1e9;
   }
   while (!open.empty()) close(*open.begin()->second);
@@ -373,9 +377,15 @@ void Recorder::State::close(Writing& w) {
 }
 
 bool Recorder::State::stop(Writing& w, const std::string& why) {
-  if (!w.ended.exchange(true)) logging::error({.session = w.session}, "the recording ends: " + why);
+  fail(w, why);
   close(w);
   return false;
+}
+
+void Recorder::State::fail(Writing& w, const std::string& why) {
+  if (w.ended.exchange(true)) return;
+  ++failed;
+  logging::error({.session = w.session}, "the recording ends: " + why);
 }
 
 bool Recorder::State::end(Writing& w, const std::string& why) { return write(w) && stop(w, why); }

@@ -40,6 +40,8 @@ class Recorder {
     std::uint64_t bytes = 0;       // written so far
     double seconds = 0;            // of a processor, by the writing thread
     std::size_t waitingBytes = 0;  // in the queue
+    std::uint64_t keptBytes = 0;   // of all parts in the folder
+    std::uint64_t failed = 0;      // recordings that could not be kept
   };
   Usage usage() const;
 

@@ -10,6 +10,7 @@
 #include "common/outcome/contract.h"
 #include "common/wire/wire.h"
 #include "server/logging/logging.h"
+#include "server/session/measured_store.h"
 
 namespace ridgecast::session {
 
@@ -25,6 +26,12 @@ bool raise(std::atomic<std::uint32_t>& counter, std::uint32_t limit) {
 std::uint64_t anyNumber() {
   std::random_device device;
   return std::uint64_t{device()} << 32 | device();
+}
+
+void count(metrics::Metrics& figures, const Edits::Answer& number) {
+  if (number) return figures.editsMade.Increment();
+  const auto why = static_cast<std::size_t>(number.why);
+  figures.editRefusals[std::min(why, figures.editRefusals.size() - 1)]->Increment();
 }
 
 constexpr std::size_t kMaxPast = 16u << 20;  // bytes of edits with which a recording begins
@@ -95,7 +102,7 @@ Session::Session(std::string name, std::shared_ptr<const terrain::Terrain> terra
           [live = live_] {
             for (const auto& camera : live->all()) camera->groundChanged();
           },
-          std::move(kept),
+          measured(std::move(kept), resources_->figures),
           [observer = observer_, resources = resources_](const Applied& made) {
             if (observer) observer->note(resources->timer->now(), recording::Edited{made.number, made.author, made.operation});
           },
@@ -126,6 +133,7 @@ void Session::edit(Edit edit, const std::shared_ptr<Budgets>& budgets, std::func
         [resources, budgets, spent, name, author, what, done](const Edits::Answer& number, std::uint64_t posts) {
           budgets->spendRest(*spent, posts, resources->timer->now());
           if (number && posts > 0) audit(name, author, what, *number);
+          count(*resources->figures, number);
           done(number);
         },
         [resources, budgets, spent](const edits::Operation& operation, std::size_t bytes) -> Outcome<void> {
@@ -136,15 +144,16 @@ void Session::edit(Edit edit, const std::shared_ptr<Budgets>& budgets, std::func
         });
   };
   if (!claim_ || claiming_->isDone) return ask();
-  const auto early = [](Error why) {
+  const auto early = [resources = resources_, done](Error why) {
     Edits::Answer answer(std::move(why));
     answer.why = Edits::Answer::Why::kEarly;
-    return answer;
+    count(*resources->figures, answer);
+    done(answer);
   };
-  if (!raise(claiming_->waiting, kMaxClaiming)) return done(early({"Too many edits wait for the first one; send it again in a second."}));
-  claim_([claiming = claiming_, ask = std::move(ask), done, early](const Outcome<void>& claimed) {
+  if (!raise(claiming_->waiting, kMaxClaiming)) return early({"Too many edits wait for the first one; send it again in a second."});
+  claim_([claiming = claiming_, ask = std::move(ask), early](const Outcome<void>& claimed) {
     --claiming->waiting;
-    if (!claimed) return done(early(claimed.error()));
+    if (!claimed) return early(claimed.error());
     claiming->isDone = true;
     ask();
   });

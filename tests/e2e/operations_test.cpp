@@ -10,6 +10,7 @@
 #include <chrono>
 #include <csignal>
 #include <ctime>
+#include <filesystem>
 #include <fstream>
 #include <map>
 #include <memory>
@@ -38,7 +39,8 @@ using testing::HasSubstr;
 using Clock = std::chrono::steady_clock;
 
 TEST(Operations, FiguresUnderLoadAreThereAndSane) {
-  ServerProcess server(RIDGECAST_SERVER);
+  ScratchFolder folder;
+  ServerProcess server(RIDGECAST_SERVER, {"--state", folder / "state", "--record", folder / "recordings"});
   Flier first(server.url(), coarse()), second(server.url(), coarse());
   const PathCamera path(RIDGECAST_PATHS "/alpine.json", first.world());
   std::uint64_t live = 0, iterations = 0;
@@ -116,6 +118,10 @@ TEST(Operations, FiguresUnderLoadAreThereAndSane) {
   EXPECT_GT(seconds, 0.001);
   EXPECT_GT(now["process_cpu_seconds_total"], 0.01);
   EXPECT_GT(now["process_resident_memory_bytes"], 1 << 20);
+
+  EXPECT_GT(now["process_open_fds"], 5);
+  EXPECT_LT(now["process_open_fds"], 200);
+  EXPECT_GT(now["process_max_fds"], now["process_open_fds"]);
 
   // What the dashboard and the alerts name is there.
   std::set<std::string> names;
@@ -304,6 +310,37 @@ TEST(Operations, AnOperatorEndsSessionsAndSendsMembersAway) {
   EXPECT_THAT(server.process().output(), HasSubstr("\"reason\":\"removed\""));
 }
 
+TEST(Operations, FiguresTellOfEditsAndRecordings) {
+  ScratchFolder folder;
+  ServerProcess server(RIDGECAST_SERVER, {"--state", folder / "state", "--record", folder / "recordings"});
+  const std::string edits = "POST /v1/sessions/default/edits";
+  constexpr int kEdits = 5;
+  for (int k = 0; k < kEdits; ++k)
+    EXPECT_THAT(ask(server.port(), edits, R"({"op":"crater","x":5,"z":5,"radius":6,"depth":1})"), HasSubstr(" 201 "));
+  EXPECT_THAT(ask(server.port(), edits, R"({"op":"undo","edit":77})"), HasSubstr(" 422 "));
+  std::map<std::string, double> now;
+  EXPECT_TRUE(await([&] {
+    now = scrape(server.port());
+    return now["ridgecast_edits_total"] == kEdits && now["ridgecast_recordings_bytes"] > 0;
+  }));
+  EXPECT_EQ(now["ridgecast_edit_commit_seconds_count"], kEdits);
+  EXPECT_GT(now["ridgecast_edit_commit_seconds_sum"], 0);
+  EXPECT_EQ(now["ridgecast_edit_refusals_total{reason=\"wrong\"}"], 1);
+  EXPECT_EQ(now["ridgecast_edit_logs_failing"], 0);
+  EXPECT_GT(now["ridgecast_edit_bytes"], 64.0 * kEdits);
+  EXPECT_LT(now["ridgecast_edit_bytes"], 1000.0 * kEdits);
+  EXPECT_EQ(now["ridgecast_limit{of=\"edit_bytes\"}"], 1 << 30);
+  EXPECT_EQ(now["ridgecast_recordings_failed_total"], 0);
+  EXPECT_GT(now["ridgecast_limit{of=\"recording_bytes\"}"], now["ridgecast_recordings_bytes"]);
+  for (const char* of : {"state", "recordings"}) {
+    const std::string label = std::string("{of=\"") + of + "\"}";
+    const auto disk = std::filesystem::space(folder / of);
+    EXPECT_EQ(now["ridgecast_disk_bytes" + label], static_cast<double>(disk.capacity)) << of;
+    EXPECT_NEAR(now["ridgecast_disk_free_bytes" + label], static_cast<double>(disk.available), 4e9) << of;
+    EXPECT_GT(now["ridgecast_disk_free_bytes" + label], 0) << of;
+  }
+}
+
 TEST(Operations, HealthyAsksTheServerWithTheSameSettings) {
   ServerProcess server(RIDGECAST_SERVER);
   const std::string port = std::to_string(server.port());
@@ -378,6 +415,11 @@ TEST(Operations, FilesForSystemdAndPrometheusAreGood) {
     EXPECT_EQ(verified.output.find("ridgecast-server.service"), std::string::npos) << verified.output;  // warnings name it
     ++judged;
   }
+  const std::string rules = readText(RIDGECAST_DOCKER "/prometheus/rules.yml"),
+                    tests = readText(RIDGECAST_DOCKER "/prometheus/rules_test.yml");
+  const std::regex alert("alert: ([A-Za-z]+)");
+  for (auto at = std::sregex_iterator(rules.begin(), rules.end(), alert); at != std::sregex_iterator(); ++at)
+    EXPECT_THAT(tests, HasSubstr("name: " + (*at)[1].str() + "\n")) << "each alert has a test";
   if (programExists("promtool")) {
     for (const std::vector<std::string>& check : {std::vector<std::string>{"config", RIDGECAST_DOCKER "/prometheus/prometheus.yml"},
                                                   {"rules", RIDGECAST_DOCKER "/prometheus/rules.yml"},

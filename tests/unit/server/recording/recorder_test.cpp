@@ -212,6 +212,7 @@ TEST_F(RecorderTest, KeptEditsThatHaveNoRoomEndTheRecordingAtOnce) {
     const std::vector<std::shared_ptr<Observer>> observers{recorder->begin(big, large, start), recorder->begin(named, byNames, start),
                                                            recorder->begin(fits, {{1, "", noise(kPart / 4)}}, start)};
     for (const auto& observer : observers) observer->note(start, Joined{1, "", {}, {}, {}, 0});
+    EXPECT_TRUE(testing_support::await([&] { return recorder->usage().failed == 2 && recorder->usage().keptBytes == bytes(); }));
   }
   const auto found = recordings();
   ASSERT_EQ(found.size(), 2u);
@@ -227,6 +228,7 @@ TEST_F(RecorderTest, AFloodEndsTheRecordingInsteadOfWaiting) {
     const auto observer = recorder->begin(recordedWorld(), {}, start);
     const std::string edit = noise(kEdit);
     for (std::uint64_t n = 1; n <= 100; ++n) observer->note(start, Edited{n, "", edit});
+    EXPECT_EQ(recorder->usage().failed, 1u);
   }
   const auto read = all(recordings().at(0));
   EXPECT_GE(read.size(), 7u) << "what may wait is written";
