@@ -1,6 +1,6 @@
 #pragma once
-// The engine that is Redis 7 (or an heir that speaks like it), durable when it is set up as README says: logs are streams whose ids are their
-// numbers, appended by a script that checks the last one; records are hashes with a life; messages and changes are published.
+// The engine that is Redis 7 (or an heir that speaks like it), durable when it is set up as server/README.md says: logs are streams whose
+// ids are their numbers, appended by a script that checks the last one; records are hashes with a life; messages and changes are published.
 //
 //   two connections: commands <-> replies, subscriptions -> messages; they come and go together
 //

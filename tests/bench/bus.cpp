@@ -1,8 +1,8 @@
 // ridgecast-bench bus: appends to a log by Redis, as edits are, each synced before it is answered: 256 bytes by one server and by sixteen,
 // to a log of each and to one log for all, where whoever is behind tries again; and messages, 1 server to 3.
 //
-// Redis runs beside it with its data in the folder of temporary files: its disk is what is measured. Latency: from the call until its handler
-// is called.
+// Redis runs beside it with its data in the folder of temporary files: its disk is what is measured. Latency: from the call until its
+// handler is called.
 #include <algorithm>
 #include <atomic>
 #include <chrono>

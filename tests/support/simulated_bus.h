@@ -1,6 +1,6 @@
 #pragma once
-// An engine beside the servers of a world (server/bus/bus.h), in memory, with the faults that a real one and its network have. Its time is a
-// SimulatedTimer's, which makes all calls: the same seed and calls give the same course.
+// An engine beside the servers of a world (server/bus/bus.h), in memory, with the faults that a real one and its network have. Its time is
+// a SimulatedTimer's, which makes all calls: the same seed and calls give the same course.
 //
 //     SimulatedTimer timer;
 //     SimulatedEngine engine(timer);
