@@ -206,11 +206,12 @@ void Redis::hold(const std::string& key, std::string value, std::uint64_t epoch,
 
 void Redis::take(const std::string& key, std::uint64_t epoch, std::function<void(Outcome<Held>)> done) {
   const std::string number = std::to_string(epoch);
-  line_->call(Script::kTake, {recordKey(key), epochKey(key)}, {number}, [f = figures_, done = std::move(done)](const Line::Answer& answer) {
-    auto held = heldOf(answer);
-    f->count("take", !held ? "failed" : held->isYours ? "done" : "refused");
-    done(std::move(held));
-  });
+  line_->call(Script::kTake, {recordKey(key), epochKey(key), "ridgecast:era"}, {number},
+              [f = figures_, done = std::move(done)](const Line::Answer& answer) {
+                auto held = heldOf(answer);
+                f->count("take", !held ? "failed" : held->isYours ? "done" : "refused");
+                done(std::move(held));
+              });
 }
 
 void Redis::drop(const std::string& key, std::uint64_t epoch) {
