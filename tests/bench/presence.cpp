@@ -92,7 +92,7 @@ void measureRoom(const Plan& plan, Report& report) {
   testing_support::SimulatedEngine engine(timer);
   std::vector<std::shared_ptr<session::Presence>> sessions;
   for (int k = 0; k < 2; ++k) {
-    sessions.push_back(std::make_shared<session::Presence>(timer));
+    sessions.push_back(std::make_shared<session::Presence>(timer, std::make_shared<session::SessionClock>(timer)));
     sessions.back()->share(engine.connect(), "members/default");
   }
   std::vector<std::shared_ptr<Counting>> senders;

@@ -189,7 +189,8 @@ class Listener final : public Sender {
 
 struct World {
   SimulatedTimer timer;
-  std::shared_ptr<Presence> presence = std::make_shared<Presence>(timer);
+  std::shared_ptr<SessionClock> clock = std::make_shared<SessionClock>(timer);
+  std::shared_ptr<Presence> presence = std::make_shared<Presence>(timer, clock);
   std::map<std::uint64_t, wire::Member> all;
   std::uint64_t sequence = 0;
 
@@ -371,7 +372,7 @@ TEST(News, ASteppedSessionIsToldOfEverybodyAtOnce) {
   World w;
   const auto owner = w.join(1, 0), modest = w.join(2, 24);
   for (std::uint64_t k = 3; k <= 500; ++k) w.join(k, 24, false);
-  w.presence->receive(1, wire::SetClock{true, wire::ClockMode::kStepped, 0});
+  w.clock->receive(1, wire::SetClock{true, wire::ClockMode::kStepped, 0});
   w.timer.advance(1s);
   for (int round = 0; round < 20; ++round) {
     for (std::uint64_t k = 3; k <= 500; ++k) w.move(k, round, static_cast<lattice::Step>(k), 256);
@@ -385,7 +386,7 @@ TEST(News, ASteppedSessionIsToldOfEverybodyAtOnce) {
 
 struct Server {
   explicit Server(const SimulatedTimer& timer, std::shared_ptr<bus::Bus> to)
-      : presence(std::make_shared<Presence>(timer)), bus(std::move(to)) {
+      : presence(std::make_shared<Presence>(timer, std::make_shared<SessionClock>(timer))), bus(std::move(to)) {
     presence->share(bus, "members/default");
   }
   std::set<std::uint64_t> members() const {
