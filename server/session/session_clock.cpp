@@ -23,6 +23,7 @@ SessionClock::SessionClock(const Timer& timer, wire::ClockMode mode, std::shared
 
 void SessionClock::play(const wire::Clock& recording, std::function<void(std::uint64_t time)> goBack) {
   const std::lock_guard lock(mutex_);
+  expects(!shared_, "a recording's clock is one server's");
   goBack_ = std::move(goBack);
   clock_.play(recording, timer_.now());
   changed();
@@ -238,12 +239,13 @@ void SessionClock::share(std::shared_ptr<bus::Bus> bus, std::string key) {
 
 void SessionClock::end() {
   Lock lock(mutex_);
-  if (!shared_ || std::exchange(isOver_, true)) return;
+  if (!shared_ || isOver_.exchange(true)) return;
   const bool isLast = shared_->leadsAlone();
+  const std::uint64_t epoch = shared_->epoch();
   shared_->end();
   const SharedClock::News last = shared_->takeNews();
   lock.unlock();
-  if (isLast) return bus_->drop(key_, shared_->epoch());
+  if (isLast) return bus_->drop(key_, epoch);
   for (const SharedClock::Wish& wish : last.wishes) carryOut(wish);
 }
 
@@ -311,7 +313,7 @@ void SessionClock::setTick() {
     const auto self = weak.lock();
     if (!self) return;
     self->use([](SharedClock& shared, const SharedClock::Now& now) { shared.tick(now); });
-    self->setTick();
+    if (!self->isOver_) self->setTick();
   });
 }
 

@@ -15,6 +15,7 @@
 // Any thread. Messages are handed to the members' senders under a lock; senders do not call back. Bounds: one entry a member, and what
 // shared_clock.h says.
 
+#include <atomic>
 #include <chrono>
 #include <cstdint>
 #include <deque>
@@ -116,10 +117,12 @@ class SessionClock : public std::enable_shared_from_this<SessionClock> {
   Timer::Time stepBegan_{};  // that one
 
   std::shared_ptr<bus::Bus> bus_;  // null: nothing is shared, and clock_ is the clock
-  std::string key_, problem_;      // the last that was logged
+  std::string key_;
+  std::string problem_;  // the last that was logged
   std::optional<SharedClock> shared_;
   std::deque<SharedClock::Wish> wishes_;
-  bool isCarryingOut_ = false, isOver_ = false;
+  bool isCarryingOut_ = false;
+  std::atomic<bool> isOver_ = false;
   bus::Subscription told_, calls_;
 };
 

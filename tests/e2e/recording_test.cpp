@@ -127,6 +127,28 @@ TEST_F(RecordingEndToEnd, RecordReplayExportAndFlyAgain) {
   EXPECT_EQ(flown.code, 0) << flown.output;
 }
 
+TEST_F(RecordingEndToEnd, RecordingsOfSeveralServersAreOneSession) {
+  std::vector<std::string> folders;
+  for (const char* name : {"a", "b"}) {
+    folders.push_back((folder / name).string());
+    ServerProcess server(RIDGECAST_SERVER, {"--record", folders.back()});
+    {
+      Flier flier(server.url(), coarse());
+      for (int k = 0; k < 5; ++k) flier.step(at(k));
+    }
+    EXPECT_EQ(server.stop(), 0);
+  }
+  const Finished both = replay({folders[1], folders[0], "--threads", "2"});
+  EXPECT_EQ(both.code, 0) << both.output;
+  EXPECT_THAT(both.output, HasSubstr("1 session, 2 cameras, "));
+  const Finished nothing = replay({folders[0], (folder / "none").string()});
+  EXPECT_EQ(nothing.code, 2);
+  EXPECT_THAT(nothing.output, HasSubstr("There is no file or folder"));
+  ServerProcess(RIDGECAST_SERVER, {"--record", folders[1], "--seed", "3"}).stop();
+  const Finished other = replay(folders);
+  EXPECT_EQ(other.code, 2) << other.output;
+}
+
 TEST_F(RecordingEndToEnd, AfterKillItIsReplayedToItsLastRecord) {
   ServerProcess server(RIDGECAST_SERVER, {"--record", recordings.string()});
   Flier flier(server.url(), coarse());
