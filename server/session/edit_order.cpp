@@ -128,8 +128,6 @@ void EditOrder::append(std::span<const Applied> edits, std::function<void(Decide
         open_->entries.push_back(edit_log::pack(open_->batch, e));
         open_->identities.push_back(edit_log::identityOf(e));
       }
-    } else if (last_ && *last_ != own_) {
-      lost();
     }
   }
   if (isNext) return send();
@@ -246,24 +244,21 @@ void EditOrder::decide(Decided decided) {
     done = std::move(open_->done);
     open_.reset();
     if (decided.kind == Decided::Kind::kDone) losses_ = 0;
-    if (decided.kind == Decided::Kind::kLost) lost();
   }
   done(std::move(decided));
 }
 
 // ---- turns ----
 
-void EditOrder::lose() {
-  const std::lock_guard lock(mutex_);
-  lost();
-}
-
 void EditOrder::rest() {
   const std::lock_guard lock(mutex_);
   losses_ = 0;
 }
 
-void EditOrder::lost() {
+void EditOrder::lose() {
+  if (!isShared()) return;
+  const std::lock_guard lock(mutex_);
+  if (!last_ || *last_ > own_ + kNear) return;
   const Timer::Time now = shared_.timer->now();
   if (++losses_ == kMaxLosses) claimsUntil_ = now + kLongestClaim;
   if (losses_ < kMaxLosses || std::exchange(isClaiming_, true)) return;

@@ -12,9 +12,10 @@
 // Why this server's edits and the log's agree. Each read begins with this server's last edit, and compares. If the log ends before it, the
 // engine has lost its end: what this server has is brought back. If the log has another edit under its number, this server must leave.
 //
-// Why every server gets its turn. A server that loses kMaxLosses times in a row claims the turn; those that hear it begin no batch until
-// they see one of its edits, or hear no more for kHold. Of several claims the one with most losses counts, then the lowest server. So each
-// other server can win against it once more at most, with a batch that it had begun. A message that is lost costs another loss.
+// Why every server gets its turn. A server that is behind kMaxLosses times in a row while edits wait, by no more than kNear, claims the
+// turn; those that hear it begin no batch until they see one of its edits, or hear no more for kHold. Of several claims the one with most
+// losses counts, then the lowest server. So each other server can win against it once more at most, with a batch that it had begun. A
+// message that is lost costs another loss.
 //
 // With bus::Alone, everything is done at once. Any thread; callers hold no lock while they call append(), next() and look(), whose handlers
 // may run before the call returns.
@@ -41,6 +42,7 @@ class EditOrder : public std::enable_shared_from_this<EditOrder> {
  public:
   static constexpr std::size_t kPageBytes = 1u << 20;  // of entries that are read, or brought back, at a time
   static constexpr int kMaxLosses = 2;                 // in a row, before the turn is claimed
+  static constexpr std::uint64_t kNear = 1000;         // edits: a server that has just begun claims nothing
   static constexpr std::chrono::milliseconds kClaim{40}, kHold{150};
   static constexpr std::chrono::milliseconds kRetry{100};  // after the engine failed to answer
   static constexpr std::chrono::seconds kLongestClaim{5};  // an undo takes up to two
@@ -80,7 +82,7 @@ class EditOrder : public std::enable_shared_from_this<EditOrder> {
   };
   // Appends them after own(). One call at a time.
   void append(std::span<const edit_store::Applied> edits, std::function<void(Decided)> done);
-  // Others came first, while a batch was being made.
+  // Others came first, and edits wait to be made.
   void lose();
   // Nothing waits to be made.
   void rest();
@@ -130,7 +132,6 @@ class EditOrder : public std::enable_shared_from_this<EditOrder> {
   void bringBack(std::uint64_t after, const std::vector<edit_store::Applied>& edits, std::function<void(Next)> done);
   void broughtBack(std::uint64_t after, std::size_t count, const bus::Appended& answer, const std::function<void(Next)>& done);
   Next differs(std::uint64_t number, std::uint64_t theirs, std::uint64_t ours) const;
-  void lost();   // under the lock
   void claim();  // again and again
   void wakeAt(Timer::Time when) const;
   std::string channel() const { return "turn/" + shared_.log; }

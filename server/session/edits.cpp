@@ -235,7 +235,6 @@ void Edits::make() {
     return goOn();
   }
   if (order_->isBehind()) {
-    order_->lose();
     makeAgain();
     return goOn();
   }
@@ -452,6 +451,7 @@ void Edits::proceed() {
   if (!differs_.empty()) {
     pool_->post([self = shared_from_this(), why = differs_] { self->leave(why, true); });
   } else if (order_->isBehind()) {
+    if (!waiting_.empty()) order_->lose();
     pool_->post([self = shared_from_this()] { self->follow(); });
   } else if (order_->isHeldBack() || waiting_.empty()) {
     state_ = State::kRests;
