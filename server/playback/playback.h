@@ -21,9 +21,9 @@ class Playback {
  public:
   using SendAway = std::function<void(const session::Session&)>;  // the members of this session, which has a successor
 
-  // `recordings` as of recording::openRecords. Before anybody can enter: reads them once, which may take seconds, and sets the clock. `session`: a new one of the recording's
-  // world, in `directory`, where nobody else makes edits; onlookers get the numbers after those of the recording. Starts at `from`, in
-  // seconds of the recording. The arguments must outlive this. Error: one sentence: the recording cannot be read.
+  // Before anybody can enter: reads the recordings (recording::openRecords) once, which may take seconds, and sets the clock. `session`: a
+  // new one of their world, in `directory`, where nobody else makes edits; onlookers get the numbers after those of the recordings. Starts
+  // at `from`, in seconds of the first. The arguments must outlive this. Error: one sentence: the recordings cannot be read.
   static Outcome<std::unique_ptr<Playback>> begin(const std::vector<recording::Parts>& recordings, directory::Directory& directory,
                                                   std::shared_ptr<session::Session> session, double from);
   ~Playback();

@@ -23,8 +23,8 @@ struct Exported {
   bool wasCutOff = false;
 };
 
-// Writes NAME.camera-3.json, NAME.camera-3.2.json, ... into a folder; NAME is the first recording's. Error: one sentence. Bound: kMaxKeyframes
-// of each camera at a time.
+// Writes NAME.camera-3.json, NAME.camera-3.2.json, ... into a folder; NAME is the first recording's. Error: one sentence. Bound:
+// kMaxKeyframes of each camera at a time.
 Outcome<Exported> exportPaths(const std::vector<Parts>& recordings, const std::filesystem::path& folder, const Span& span);
 
 }  // namespace ridgecast::recording

@@ -34,8 +34,8 @@ class Records {
   Records() = default;
 };
 
-// The recordings of one session: one, or those of several servers that had it at the same time (merged.h). Error: one sentence: a first part
-// cannot be read or is no recording, or they are of different worlds.
+// The recordings of one session: one, or those of several servers that had it at the same time (merged.h). Error: one sentence: a first
+// part cannot be read or is no recording, or they are of different worlds.
 Outcome<std::unique_ptr<Records>> openRecords(const std::vector<Parts>& recordings);
 
 }  // namespace ridgecast::recording

@@ -46,7 +46,7 @@ struct Summary {
 
 inline constexpr std::size_t kMaxQueued = 4096;
 
-// `recordings` as of openRecords; `terrain` is the recording's: checkTerrain. Ends at the first difference. Error: one sentence: a file cannot
+// `recordings` as of openRecords; `terrain` is theirs: checkTerrain. Ends at the first difference. Error: one sentence: a file cannot
 // be read, or its content makes no sense. Memory: a mesh for each camera that lives, and at most kMaxQueued iterations that wait.
 Outcome<Summary> replay(const std::vector<Parts>& recordings, std::shared_ptr<const terrain::Terrain> terrain,
                         scheduling::Executor& executor, const Span& span);
