@@ -13,6 +13,8 @@
 
 #include "client/link/connection.h"
 #include "common/edits/json.h"
+#include "server/recording/format.h"
+#include "server/recording/reader.h"
 #include "server/recording/recorder.h"
 #include "server/recording/replay.h"
 #include "tests/integration/loopback.h"
