@@ -164,6 +164,7 @@ class Directory : public std::enable_shared_from_this<Directory> {
   void tick();
   void tellOfItself();
   void hearOfServers();
+  void heardOfServers(const std::map<std::string, bus::Record>& records);
   void hearOfEnded();
   void tellSpent();
   void renew(const std::string& name, const Kept& kept);
@@ -177,6 +178,7 @@ class Directory : public std::enable_shared_from_this<Directory> {
   bool sweepSet_ = false;
   // With a bus.
   Host host_;  // constant after join()
+  std::shared_ptr<scheduling::Pool> hearing_;
   std::vector<bus::Subscription> heard_;
   std::uint64_t epoch_ = 0, ticks_ = 0;
   std::shared_ptr<const std::vector<ServerStatus>> others_ = std::make_shared<const std::vector<ServerStatus>>();

@@ -45,7 +45,8 @@ auto readJson(std::string_view text, const char* what, Read read) -> Outcome<dec
   try {
     return read(Json::parse(text));
   } catch (const Json::exception&) {
-    return Error{std::string("A record of a ") + what + " was not written by this program or one like it: " + std::string(text.substr(0, 80))};
+    return Error{std::string("A record of a ") + what +
+                 " was not written by this program or one like it: " + std::string(text.substr(0, 80))};
   }
 }
 
@@ -66,7 +67,8 @@ Outcome<World> worldOf(std::string_view text) {
 std::string toText(const ServerStatus& status) {
   Json sessions = Json::object();
   for (const auto& [name, s] : status.sessions)
-    sessions[name] = {{"world", jsonOf(s.world)}, {"epoch", s.epoch}, {"members", s.members}, {"entry", Json::parse(s.entry, nullptr, false)}};
+    sessions[name] = {
+        {"world", jsonOf(s.world)}, {"epoch", s.epoch}, {"members", s.members}, {"entry", Json::parse(s.entry, nullptr, false)}};
   return dumped({{"number", status.number},
                  {"url", status.url},
                  {"cameras", status.cameras},

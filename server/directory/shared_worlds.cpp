@@ -77,7 +77,8 @@ void SharedWorlds::renew(const std::string& name, const World& world, std::uint6
 void SharedWorlds::keep(const std::string& name, const World& world, std::function<void(Outcome<World>)> done) const {
   // Not whose session it was, nor how its clock began.
   const World ground{{}, {world.spec.terrain, world.spec.seed, world.spec.parameters}, world.contentHash, {}};
-  bus_->hold(keptKey(name), toText(ground), 0, std::chrono::milliseconds(0), standing(ground, [done = std::move(done)](Outcome<Standing> stands) {
+  bus_->hold(keptKey(name), toText(ground), 0, std::chrono::milliseconds(0),
+             standing(ground, [done = std::move(done)](Outcome<Standing> stands) {
                stands ? done(std::move(stands->world)) : done(stands.error());
              }));
 }

@@ -25,7 +25,8 @@ World Directory::propose(session::WorldSpec spec, const terrain::Terrain& terrai
 
 World Directory::defaultWorld(const terrain::Terrain& terrain, std::vector<std::pair<std::string, double>> parameters) {
   std::sort(parameters.begin(), parameters.end());
-  return {std::string(kDefaultName), {std::string(terrain.name()), terrain.seed(), std::move(parameters)}, terrain::contentHash(terrain), {}};
+  return {
+      std::string(kDefaultName), {std::string(terrain.name()), terrain.seed(), std::move(parameters)}, terrain::contentHash(terrain), {}};
 }
 
 void Directory::claimDefault(const session::Resources& resources, const terrain::Terrain& terrain,
@@ -52,6 +53,7 @@ void Directory::join(Host host) {
   if (!isShared()) return;
   expects(host.load && host.entry && host.remove && host.sendAway && host.leave && !host_.load, "a directory has one host");
   host_ = std::move(host);
+  hearing_ = resources_->executor->makePool(1);
   heard_.push_back(resources_->bus->hear(kRemovals, [weak = weak_from_this()](const std::string& message) {
     const auto self = weak.lock();
     std::string_view rest = message;
@@ -118,26 +120,30 @@ void Directory::tellOfItself() {
 }
 
 void Directory::hearOfServers() {
-  resources_->bus->list(std::string(kServers), [weak = weak_from_this()](const Outcome<std::map<std::string, bus::Record>>& records) {
+  resources_->bus->list(std::string(kServers), [weak = weak_from_this()](Outcome<std::map<std::string, bus::Record>> records) {
     const auto self = weak.lock();
     if (!self || !records) return;
-    auto others = std::make_shared<std::vector<ServerStatus>>();
-    for (const auto& [key, record] : *records) {
-      auto status = statusOf(record.value);
-      if (!status)
-        logging::warning(status.error().message);
-      else if (status->number != self->resources_->bus->server())
-        others->push_back(std::move(*status));
-    }
-    const std::lock_guard lock(self->mutex_);
-    self->others_ = std::move(others);
-    for (const auto& [name, kept] : self->sessions_) {
-      std::uint32_t members = 0;
-      for (const ServerStatus& server : *self->others_)
-        if (const auto there = server.sessions.find(name); there != server.sessions.end()) members += there->second.members;
-      kept.session->setMembersElsewhere(members);
-    }
+    self->hearing_->post([weak, records = std::move(*records)] {  // the bus's thread has other things to do
+      if (const auto directory = weak.lock()) directory->heardOfServers(records);
+    });
   });
+}
+
+void Directory::heardOfServers(const std::map<std::string, bus::Record>& records) {
+  auto others = std::make_shared<std::vector<ServerStatus>>();
+  for (const auto& [key, record] : records) {
+    if (key == std::string(kServers) + std::to_string(resources_->bus->server())) continue;
+    auto status = statusOf(record.value);
+    status ? others->push_back(std::move(*status)) : logging::warning(status.error().message);
+  }
+  const std::lock_guard lock(mutex_);
+  others_ = std::move(others);
+  for (const auto& [name, kept] : sessions_) {
+    std::uint32_t members = 0;
+    for (const ServerStatus& server : *others_)
+      if (const auto there = server.sessions.find(name); there != server.sessions.end()) members += there->second.members;
+    kept.session->setMembersElsewhere(members);
+  }
 }
 
 void Directory::hearOfEnded() {
@@ -173,10 +179,10 @@ void Directory::tellSpent() {
 
 void Directory::renew(const std::string& name, const Kept& kept) {
   worlds_->renew(name, kept.world, kept.epoch, name == kDefaultName,
-                [weak = weak_from_this(), name, session = std::weak_ptr(kept.session)](const Outcome<SharedWorlds::Standing>& stands) {
-                  const auto self = weak.lock();
-                  if (self && stands) self->renewed(name, session.lock().get(), *stands);
-                });
+                 [weak = weak_from_this(), name, session = std::weak_ptr(kept.session)](const Outcome<SharedWorlds::Standing>& stands) {
+                   const auto self = weak.lock();
+                   if (self && stands) self->renewed(name, session.lock().get(), *stands);
+                 });
 }
 
 void Directory::renewed(const std::string& name, const session::Session* session, const SharedWorlds::Standing& stands) {

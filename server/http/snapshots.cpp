@@ -20,7 +20,8 @@ bool isThere(std::string_view file) {
 Route snapshotRoute(std::shared_ptr<directory::Directory> directory, Maker maker) {
   return sessionFileRoute(
       directory, isThere,
-      [maker = std::move(maker), directory](const Request& request, std::shared_ptr<session::Session> session, std::string_view file) -> Reply {
+      [maker = std::move(maker), directory](const Request& request, std::shared_ptr<session::Session> session,
+                                            std::string_view file) -> Reply {
         const auto crs = queryParameter(request.query(), "crs");
         auto ask = [maker, directory, session = std::move(session), query = std::string(request.query()), file = std::string(file),
                     isPlaced = crs && !crs->empty()](const Turn&) -> Reply {

@@ -112,6 +112,11 @@ Answer refusedFor(const directory::Directory::Full& full) {
   return refused(full.isOwn ? 429 : 503, metrics::Refusal::kFull, full.sentence);
 }
 
+// Others may be compiled.
+bool isMadeAtOnce(const std::string& terrain, const std::vector<std::pair<std::string, double>>& parameters) {
+  return parameters.empty() && std::ranges::any_of(terrain::builtIn(), [&](const auto& builtIn) { return builtIn.name == terrain; });
+}
+
 constexpr std::chrono::milliseconds kNameTaken{10};  // before a name is asked for again
 
 // What the bus answers, awaited between two turns.
@@ -148,17 +153,25 @@ class BusAnswer {
 // A session in the making: its name is reserved, looked up on all servers, its terrain made, the name claimed for that world. In turns,
 // which never wait: not made yet as long as somebody else has the name, or the bus has not answered. The answer to a client that has left
 // is not read: then nothing is made.
-class Making {
+class Making : public std::enable_shared_from_this<Making> {
  public:
-  Making(std::string name, Wish wish, std::string client, std::optional<Answer> mayNotCreate, directory::Directory& directory, Enter enter,
-         bool makes)
-      : name_(std::move(name)),
+  // `queue`: kPrompt, from which it moves to kWorlds if its terrain takes long, or kWorlds.
+  Making(Queue queue, std::string name, Wish wish, std::string client, std::optional<Answer> mayNotCreate, directory::Directory& directory,
+         Enter enter, bool makes)
+      : queue_(queue),
+        name_(std::move(name)),
         wish_(std::move(wish)),
         client_(std::move(client)),
         mayNotCreate_(std::move(mayNotCreate)),
         directory_(directory),
         enter_(std::move(enter)),
         makes_(makes) {}
+
+  Reply work() {
+    return DeferredResponse{.queue = queue_,
+                            .work = [self = shared_from_this()](const Turn& turn) { return self->turn(turn); },
+                            .progress = [] { return "preparing the terrain"; }};
+  }
 
   Reply turn(const Turn& turn) {
     if (!reserved_) {
@@ -189,7 +202,7 @@ class Making {
   Reply follow(const directory::SharedWorlds::Standing& live, const Turn& turn) {
     if (auto other = notMet(wish_, name_, live.world.spec)) return std::move(*other);
     if (auto other = otherEdits(live.world)) return std::move(*other);
-    if (auto refusal = makeTerrain(live.world.spec, turn.stop)) return std::move(*refusal);
+    if (auto instead = makeTerrain(live.world.spec, turn.stop)) return std::move(*instead);
     if (auto other = otherGround(live.world)) return std::move(*other);
     if (!makes_) return enter_(nullptr);
     reserved_->claim(live, true);
@@ -211,13 +224,16 @@ class Making {
     if (!kept && wish_.terrain.empty()) return noSession(name_, directory_);
     if (mayNotCreate_) return *mayNotCreate_;
     if (const auto full = directory_.full(client_)) return refusedFor(*full);
-    const WorldSpec spec = kept.value_or(
-        WorldSpec{wish_.terrain, wish_.seed.value_or(1), wish_.parameters, wish_.clock.value_or(wire::ClockMode::kRealTime)});
-    if (auto refusal = makeTerrain(spec, turn.stop)) return std::move(*refusal);
+    const WorldSpec spec =
+        kept.value_or(WorldSpec{wish_.terrain, wish_.seed.value_or(1), wish_.parameters, wish_.clock.value_or(wire::ClockMode::kRealTime)});
+    if (auto instead = makeTerrain(spec, turn.stop)) return std::move(*instead);
     if (keptByAll)
       if (auto other = otherGround(*keptByAll)) return std::move(*other);
     if (!makes_) return enter_(nullptr);
-    if (!claimed_) directory_.worlds().claim(name_, proposed_.emplace(directory_.propose(spec, *terrain_, client_)), claimed_.emplace().receiver());
+    if (!claimed_) {
+      proposed_ = directory_.propose(spec, *terrain_, client_);
+      directory_.worlds().claim(name_, *proposed_, claimed_.emplace().receiver());
+    }
     const auto claimed = claimed_->get(turn.wake);
     if (!claimed) return RetryAt{RetryAt::kWhenWoken};
     if (!*claimed) return unknown(claimed->error());
@@ -226,8 +242,10 @@ class Making {
     return add(client_);
   }
 
-  std::optional<Answer> makeTerrain(const WorldSpec& spec, const std::stop_token& stop) {
+  // None: it is made.
+  std::optional<Reply> makeTerrain(const WorldSpec& spec, const std::stop_token& stop) {
     if (terrain_ && made_ == spec) return {};
+    if (!isMadeAtOnce(spec.terrain, spec.parameters) && std::exchange(queue_, Queue::kWorlds) != Queue::kWorlds) return work();
     if (!directory_.resources().makeTerrain)
       return refused(403, metrics::Refusal::kSession, "Sessions cannot be created on this server; 'default' always exists.");
     auto terrain = directory_.resources().makeTerrain(spec, stop);
@@ -249,7 +267,8 @@ class Making {
   // Of this server's own log, such as from a time when it was alone.
   std::optional<Answer> otherEdits(const directory::World& theirs) const {
     const edit_log::World* const log = reserved_->kept();
-    if (!log || (log->terrain == theirs.spec.terrain && log->seed == theirs.spec.seed && log->parameters == theirs.spec.parameters)) return {};
+    if (!log || (log->terrain == theirs.spec.terrain && log->seed == theirs.spec.seed && log->parameters == theirs.spec.parameters))
+      return {};
     return refused(503, metrics::Refusal::kSession,
                    "Session '" + name_ + "' is another world on the other servers (" + describe(theirs) +
                        ") than this server has edits of: its operator must move '" + name_ + ".edits' out of its --state folder.");
@@ -262,6 +281,7 @@ class Making {
     return full ? refusedFor(*full) : refused(503, metrics::Refusal::kFull, added.error().message);
   }
 
+  Queue queue_;
   const std::string name_;
   const Wish wish_;
   const std::string client_;
@@ -276,15 +296,6 @@ class Making {
   std::optional<directory::World> proposed_;
   std::optional<BusAnswer<directory::SharedWorlds::Standing>> claimed_;
 };
-
-// Makes it now, if that takes no time, or by work.
-Reply makeSoon(const std::shared_ptr<Making>& making, bool atOnce) {
-  if (atOnce)
-    if (Reply made = making->turn({}); !std::holds_alternative<RetryAt>(made)) return made;
-  return DeferredResponse{.queue = Queue::kWorlds,
-                          .work = [making](const Turn& turn) { return making->turn(turn); },
-                          .progress = [] { return "preparing the terrain"; }};
-}
 
 }  // namespace
 
@@ -307,8 +318,8 @@ Reply inSession(const Request& request, directory::Directory& directory, const E
   if (wanted == directory::kDefaultName || (!directory.isShared() && wish->terrain.empty() && !isKept)) return noSession(wanted, directory);
   std::optional<Answer> mayNotCreate;
   if (!request.rights.has(access::Right::kCreate))
-    mayNotCreate = refused(403, metrics::Refusal::kRight,
-                           "There is no session named '" + wanted + "', and the token lacks the right 'create'.");
+    mayNotCreate =
+        refused(403, metrics::Refusal::kRight, "There is no session named '" + wanted + "', and the token lacks the right 'create'.");
   else if (!directory.resources().makeTerrain)
     mayNotCreate = refused(403, metrics::Refusal::kSession, "Sessions cannot be created on this server; 'default' always exists.");
   const std::string client(request.client);
@@ -316,10 +327,12 @@ Reply inSession(const Request& request, directory::Directory& directory, const E
     if (mayNotCreate) return *mayNotCreate;
     if (const auto full = directory.full(client)) return refusedFor(*full);
   }
-  const auto builtIn = terrain::builtIn();
-  const bool atOnce = !directory.isShared() && !isKept && wish->parameters.empty() &&
-                      std::any_of(builtIn.begin(), builtIn.end(), [&](const auto& d) { return d.name == wish->terrain; });
-  return makeSoon(std::make_shared<Making>(wanted, std::move(*wish), client, std::move(mayNotCreate), directory, enter, makes), atOnce);
+  const bool atOnce = !directory.isShared() && !isKept && isMadeAtOnce(wish->terrain, wish->parameters);
+  const Queue queue = directory.isShared() && !isKept ? Queue::kPrompt : Queue::kWorlds;
+  const auto making = std::make_shared<Making>(queue, wanted, std::move(*wish), client, std::move(mayNotCreate), directory, enter, makes);
+  if (atOnce)
+    if (Reply made = making->turn({}); !std::holds_alternative<RetryAt>(made)) return made;
+  return making->work();
 }
 
 std::optional<std::string> missingHere(const Request& request, const directory::Directory& directory) {
@@ -333,8 +346,9 @@ std::optional<std::string> missingHere(const Request& request, const directory::
 }
 
 Reply fromElsewhere(const std::string& name, const Request& request, directory::Directory& directory, const Enter& enter) {
-  return makeSoon(std::make_shared<Making>(name, Wish{}, std::string(request.client), noSession(name, directory), directory, enter, true),
-                  false);
+  return std::make_shared<Making>(directory.keeps(name) ? Queue::kWorlds : Queue::kPrompt, name, Wish{}, std::string(request.client),
+                                  noSession(name, directory), directory, enter, true)
+      ->work();
 }
 
 Outcome<earth::Coordinates> coordinatesOf(const session::Session& session, std::string_view crs) {

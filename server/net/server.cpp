@@ -129,26 +129,27 @@ class ListeningServer final : public Server {
     };
     // Weak: the directory may outlive this server.
     const std::weak_ptr<ServerContext> weak = shared_;
-    shared_->directory->join(
-        {.url = shared_->settings.url.empty() ? url() : shared_->settings.url,
-         .load =
-             [weak] {
-               const auto context = weak.lock();
-               return context ? saturation(*context) : 1;
-             },
-         .entry = sessionEntry,
-         .remove =
-             [weak, streamsOf](const session::Session& session, std::optional<std::uint64_t> camera) {
-               if (const auto context = weak.lock()) streamsOf(*context, session, [&](OpenStream& stream) { stream.postRemove(camera); });
-             },
-         .sendAway =
-             [weak, streamsOf](const session::Session& session) {
-               if (const auto context = weak.lock()) streamsOf(*context, session, [](OpenStream& stream) { stream.postGoingAway(); });
-             },
-         .leave =
-             [weak] {
-               if (const auto context = weak.lock()) drain(*context);
-             }});
+    shared_->directory->join({.url = shared_->settings.url.empty() ? url() : shared_->settings.url,
+                              .load =
+                                  [weak] {
+                                    const auto context = weak.lock();
+                                    return context ? saturation(*context) : 1;
+                                  },
+                              .entry = sessionEntry,
+                              .remove =
+                                  [weak, streamsOf](const session::Session& session, std::optional<std::uint64_t> camera) {
+                                    if (const auto context = weak.lock())
+                                      streamsOf(*context, session, [&](OpenStream& stream) { stream.postRemove(camera); });
+                                  },
+                              .sendAway =
+                                  [weak, streamsOf](const session::Session& session) {
+                                    if (const auto context = weak.lock())
+                                      streamsOf(*context, session, [](OpenStream& stream) { stream.postGoingAway(); });
+                                  },
+                              .leave =
+                                  [weak] {
+                                    if (const auto context = weak.lock()) drain(*context);
+                                  }});
   }
 
   static void drain(ServerContext& context) {

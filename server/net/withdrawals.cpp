@@ -32,8 +32,8 @@ void Withdrawals::loaded(const Hashes& withdrawn) {
   for (std::size_t at = 0; at < withdrawn.size(); at += kAtATime) {
     std::string hashes;
     for (std::size_t k = at; k < std::min(withdrawn.size(), at + kAtATime); ++k) hashes += withdrawn[k] + " ";
-    const std::string key = std::string(kWithdrawn) + std::to_string(now) + "/" + std::to_string(bus_->server()) + "/" +
-                            std::to_string(at / kAtATime) + "/";
+    const std::string key =
+        std::string(kWithdrawn) + std::to_string(now) + "/" + std::to_string(bus_->server()) + "/" + std::to_string(at / kAtATime) + "/";
     bus_->hold(key, std::move(hashes), 0, kLife, [](const Outcome<bus::Bus::Held>& held) {
       if (!held) logging::error("the other servers were not told of withdrawn tokens, reload each of them: " + held.error().message);
     });

@@ -41,7 +41,7 @@ namespace {
 using namespace std::chrono_literals;
 using Time = std::chrono::steady_clock;
 
-struct Plan {
+struct Town {
   int count = 2000;
   double seconds = 10;
   std::size_t state = 256;
@@ -87,7 +87,7 @@ struct Counting final : session::Sender {
   std::size_t bytes = 0;
 };
 
-void measureRoom(const Plan& plan, Report& report) {
+void measureRoom(const Town& plan, Report& report) {
   testing_support::SimulatedTimer timer;
   testing_support::SimulatedEngine engine(timer);
   std::vector<std::shared_ptr<session::Presence>> sessions;
@@ -127,7 +127,7 @@ void measureRoom(const Plan& plan, Report& report) {
 
 class Client {
  public:
-  Client(std::uint16_t port, int index, const Plan& plan)
+  Client(std::uint16_t port, int index, const Town& plan)
       : decodes_(index % 16 == 0), state_(plan.state), walker_(plan.side, static_cast<std::uint64_t>(index) + 1) {
     socket_ = ::socket(AF_INET, SOCK_STREAM, 0);
     sockaddr_in address{};
@@ -252,7 +252,7 @@ double secondsOf(pid_t pid) {
   return (user + system) / static_cast<double>(sysconf(_SC_CLK_TCK));
 }
 
-void measureServer(const Plan& plan, const Options& options, Report& report) {
+void measureServer(const Town& plan, const Options& options, Report& report) {
   rlimit files{};
   ::getrlimit(RLIMIT_NOFILE, &files);
   files.rlim_cur = files.rlim_max;
@@ -324,7 +324,7 @@ void measureServer(const Plan& plan, const Options& options, Report& report) {
 }  // namespace
 
 Report presence(const Options& options) {
-  Plan plan;
+  Town plan;
   if (options.quick) plan.count = 200, plan.seconds = 2;
   for (std::size_t k = 0; k + 1 < options.arguments.size(); k += 2) {
     const std::string &name = options.arguments[k], &value = options.arguments[k + 1];

@@ -31,7 +31,8 @@ class TokensTest : public testing::Test {
 
 TEST_F(TokensTest, TellsWhatAnotherFileLacksAndGoesOnWithoutIt) {
   const NewToken lab = makeToken({"lab", Right::kView, "", {}}), guest = makeToken({"guest", Right::kView, "", {}});
-  const auto before = Tokens::load({.tokens = file(lab.line + "\n" + guest.line)}).value(), after = Tokens::load({.tokens = file(guest.line)}).value();
+  const auto before = Tokens::load({.tokens = file(lab.line + "\n" + guest.line)}).value(),
+             after = Tokens::load({.tokens = file(guest.line)}).value();
   EXPECT_TRUE(before->missingFrom(*before).empty());
   EXPECT_TRUE(after->missingFrom(*before).empty());
   const auto lost = before->missingFrom(*after);
