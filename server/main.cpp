@@ -250,7 +250,8 @@ int serve(const config::Config& config, const sigset_t& signals, const BeginServ
   };
   if (config.limits.maxSessions > 1) resources->makeTerrain = makeTerrain;
   if (resources->bus->server() != 0) {
-    if (config.watch) return refuse("Sessions cannot follow their terrain files (--watch) where servers share them (--shared): leave one out.");
+    if (config.watch)
+      return refuse("Sessions cannot follow their terrain files (--watch) where servers share them (--shared): leave one out.");
     if (auto claimed = claimDefault(*resources, **terrain, config); !claimed) return refuse(claimed.error().message);
   }
   std::shared_ptr<directory::Directory> directory;

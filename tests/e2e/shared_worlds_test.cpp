@@ -144,7 +144,9 @@ TEST_F(SharedWorlds, AServerWithAnotherWorldSaysSo) {
 TEST_F(SharedWorlds, ATerrainFileThatDiffersIsRefused) {
   for (const auto& [name, height] : {std::pair{"a", "7"}, {"b", "8"}}) {
     std::filesystem::create_directory(folder / name);
-    std::ofstream(folder / name / "plain.glsl") << "float height(vec2 p) { return " << height << ".0; }\n";
+    std::ofstream(folder / name / "plain.glsl")
+        << "float terrainHeight(ivec2 cell, vec2 fraction, float footprint, uint seed) { return " << height << ".0; }\n"
+        << "vec3 terrainColor(ivec2 cell, vec2 fraction, float height, vec3 normal, float footprint, uint seed) { return vec3(0.5); }\n";
   }
   const auto a = start({"--terrain-dir", folder / "a"}), b = start({"--terrain-dir", folder / "b"});
   EXPECT_EQ(statusOf(heights(*a, "plain&terrain=plain")), 200);
