@@ -10,7 +10,7 @@
 // With a bus (Resources::bus) the sessions of all its servers are one directory. A name is one world on all of them (shared_worlds.h), each
 // server makes the sessions that its clients ask for, and once a second it says which it has (records.h: ServerStatus) and hears the same
 // of the others. Limits of sessions, of members and of what clients may spend count all servers: this one exactly, the others as they were
-// a second ago. While the engine is away the sessions that are here go on, others cannot be made, and the others' figures stay as they were.
+// a second ago. While the engine is away the sessions that are here go on, others cannot be made, and the figures of others stay.
 
 #include <atomic>
 #include <chrono>
