@@ -1,6 +1,6 @@
-// Two servers beside Redis and behind HAProxy, with the configurations that docker/ ships: each new stream goes to the server with the fewest,
-// every session is reached through any of them, and a server that is drained, ended or killed loses its clients to the other, with the right
-// mesh, without any client being started again.
+// Two servers beside Redis and behind HAProxy, with the configurations that docker/ ships: each new stream goes to the server with the
+// fewest, every session is reached through any of them, and a server that is drained, ended or killed loses its clients to the other, with
+// the right mesh, without any client being started again.
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
