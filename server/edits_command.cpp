@@ -46,13 +46,15 @@ Manages the log of a session's edits, FOLDER/SESSION.edits of --state FOLDER, wh
   import FILE [FROM] [SETTINGS]  Make a new log from such lines, read from FROM or standard input; only "edit" is required
   compact FILE [SETTINGS]        Make what they changed part of the ground; they can no longer be undone
   verify FILE [SETTINGS]         Make the ground again from the edits and compare it with the cached tiles
-  backup FILE TO                 Copy the log
+  backup FILE TO                 Copy the log; while a server has its session: curl -o TO http://HOST:PORT/v1/sessions/SESSION/backup
   forget FILE                    Remove the log: the session's name is free for another world
 
 SETTINGS are those of ridgecast-server that name the terrain, such as --terrain dem.tif. compact and verify need them only if the log's
 name of the terrain does not suffice.
 Exit status: 0; 1 after a failure; 2 after bad input.
 )";
+
+constexpr const char* kAskServer = " Or ask that server for the copy: GET /v1/sessions/SESSION/backup.";
 
 int refuse(int status, const std::string& sentence) {
   std::cerr << "ridgecast-server edits: " << sentence << "\n";
@@ -307,7 +309,7 @@ int runEditsCommand(int argc, const char* const* argv, const char* const* enviro
   if (!std::filesystem::exists(file, failed)) return refuse(2, "There is no file '" + file.string() + "'.");
   if (what == "forget") return forget(file);
   auto log = Log::open(file);
-  if (!log) return refuse(1, log.error().message);
+  if (!log) return refuse(1, log.error().message + (what == "backup" && edit_log::Lock::isTaken(file) ? kAskServer : ""));
   if (!*log) return refuse(1, "'" + file.string() + "' is empty: its first edit was cut off.");
   if (what == "list") return list(**log);
   if (what == "export") return writeOut(**log);

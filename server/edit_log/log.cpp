@@ -450,6 +450,20 @@ Outcome<void> Log::backUp(const std::filesystem::path& to) {
   return {};
 }
 
+Outcome<std::string> Log::copy(std::size_t most) {
+  if (!lock_) return Error{"The edits of this session are kept in no file."};
+  const std::lock_guard lock(mutex_);
+  Database& db = sql_->database;
+  const auto pages = db.integer("PRAGMA page_count"), page = db.integer("PRAGMA page_size");
+  if (!pages || !page) return db.error();
+  if (static_cast<std::uint64_t>(*pages) > most / static_cast<std::uint64_t>(*page))
+    return Error{"'" + db.name() + "' has more than " + std::to_string(most >> 20) + " MiB; stop the server, and copy it then."};
+  sqlite3_int64 size = 0;
+  const std::unique_ptr<unsigned char, void (*)(void*)> bytes(sqlite3_serialize(db.handle(), "main", &size, 0), sqlite3_free);
+  if (!bytes) return db.error();
+  return Outcome<std::string>(boost::system::in_place_value, reinterpret_cast<const char*>(bytes.get()), static_cast<std::size_t>(size));
+}
+
 Outcome<void> Log::check() {
   const std::lock_guard lock(mutex_);
   auto statement = sql_->database.prepare("PRAGMA integrity_check(1)");

@@ -75,6 +75,7 @@ class Log final : public edit_store::Store {
   Outcome<void> cache(const edits::Layer& layer);
   // Makes the layer the base; the edits that made it are deleted, and numbers continue. Error: as of layer().
   Outcome<void> compact();
+  Outcome<std::string> copy(std::size_t most) override;
   // A copy in one piece, while the log stays open. Error: `to` exists, or cannot be written.
   Outcome<void> backUp(const std::filesystem::path& to);
   // Error: SQLite's own check of the file found something.

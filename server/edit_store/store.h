@@ -62,6 +62,11 @@ class Store {
   virtual Outcome<std::vector<Applied>> read(std::uint64_t after, std::size_t most) = 0;
   // Of the edit with this key; those of compacted edits are forgotten.
   virtual Outcome<std::optional<std::uint64_t>> numberOf(const std::string& key) = 0;
+  // Its file, as of last(). Error: one sentence; it is longer than `most` bytes, or there is none.
+  virtual Outcome<std::string> copy(std::size_t most) {
+    (void)most;
+    return Error{"These edits are in no file."};
+  }
 
  protected:
   Store() = default;

@@ -124,6 +124,23 @@ Reply list(const Request& request, const std::shared_ptr<session::Session>& sess
   });
 }
 
+Reply backUp(const std::shared_ptr<session::Session>& session) {
+  auto reply = whenSaid([session](const std::shared_ptr<Said>& said) {
+    session->edits().copy(kMaxBackupBytes, [said, name = session->name()](Outcome<std::string> file) {
+      said->set([file = std::make_shared<Outcome<std::string>>(std::move(file)), name] {
+        if (!*file) return refused(409, metrics::Refusal::kSession, file->error().message);
+        Answer a;
+        a.type = "application/vnd.sqlite3";
+        a.headers = {{"Content-Disposition", "attachment; filename=\"" + name + ".edits\""}};
+        a.body = std::move(**file);
+        return a;
+      });
+    });
+  });
+  std::get<DeferredResponse>(reply).queue = Queue::kPatient;
+  return reply;
+}
+
 // While the session lives.
 edits::ToWorld placedIn(const session::Session& session) {
   return [&session, coordinates = std::optional<earth::Coordinates>()](const std::string& crs, double first,
@@ -170,8 +187,14 @@ std::optional<Reply> respond(const Request& request, const directory::Directory&
   if (!path.starts_with(kPrefix)) return std::nullopt;
   path.remove_prefix(kPrefix.size());
   const std::string_view name = text::takePart(path, '/'), rest = path;
-  if (rest != kEdits && !rest.starts_with("edits/")) return std::nullopt;
+  const bool isBackup = rest == "backup";
+  if (!isBackup && rest != kEdits && !rest.starts_with("edits/")) return std::nullopt;
+  if (isBackup && request.method != "GET") return wrongMethod("GET");
   const bool isOne = rest != kEdits;
+  if (isBackup) {
+    const auto of = directory.find(name);
+    return of ? backUp(of) : noSession(name, directory);
+  }
   if (isOne ? request.method != "DELETE" : !request.reads() && request.method != "POST")
     return wrongMethod(isOne ? "DELETE" : "GET, HEAD, POST");
   const auto session = directory.find(name);

@@ -48,7 +48,7 @@ Needed needed(std::string_view method, std::string_view path) {
   if (!path.starts_with("/v1/")) return {};
   if (path == "/v1/sessions") return {method == "GET" || method == "HEAD" ? Right::kView : Right::kCreate, true};
   if (isOfEdits(path)) return {method == "GET" || method == "HEAD" ? Right::kView : Right::kEdit};
-  if (sessionOf(path) && method == "DELETE") return {Right::kAdmin};
+  if (sessionOf(path) && (method == "DELETE" || belowSession(path) == "/backup")) return {Right::kAdmin};
   if (const auto session = sessionOf(path)) {
     if (method == "OPTIONS") return {};
     const std::string_view file = path.substr(kSessions.size() + session->size());

@@ -143,6 +143,7 @@ std::string routeOf(std::string_view path) {
        {std::pair{"/tileset.json", "/tileset.json"}, {".json", "/{level}/{i}/{j}.json"}, {".glb", "/{level}/{i}/{j}.glb"}})
     if (path.starts_with(sessions) && path.find("/3dtiles/") != std::string_view::npos && path.ends_with(ending))
       return std::string(sessions) + "{session}/3dtiles" + tile;
+  if (path.starts_with(sessions) && path.ends_with("/backup")) return std::string(sessions) + "{session}/backup";
   if (path.starts_with(sessions) && (path.ends_with("/edits") || path.find("/edits/") != std::string_view::npos))
     return std::string(sessions) + "{session}/edits";
   for (const std::string_view snapshot : {"/snapshot.glb", "/snapshot.json", "/snapshot.ply", "/snapshot.obj", "/snapshot.tif"})

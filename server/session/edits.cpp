@@ -472,6 +472,16 @@ void Edits::read(std::uint64_t after, std::size_t most, Read read) {
   readings_.push_back({after, most, std::move(read)});
 }
 
+void Edits::copy(std::size_t most, std::function<void(Outcome<std::string>)> take) {
+  expects(take != nullptr, "a copy goes to somebody");
+  const bool posted = disk_->post([self = shared_from_this(), most, take] {
+    if (!self->kept_.makeStore) return take(over().error());
+    if (!self->kept_.store) return take(Error{"This session has no edits yet."});
+    take(self->kept_.store->copy(most));
+  });
+  if (!posted) take(Error{"Too much waits for the disk; ask again in a moment."});
+}
+
 void Edits::readAll() {
   std::vector<Reading> readings;
   std::uint64_t last = 0;

@@ -116,6 +116,8 @@ class Edits : public std::enable_shared_from_this<Edits> {
   // Of the edits that ground() has, as edit_store::Store::read. `read` is called by the disk's thread; callers bound the number of calls.
   using Read = std::function<void(Outcome<std::vector<Applied>> edits)>;
   void read(std::uint64_t after, std::size_t most, Read read);
+  // The log's file, as edit_store::Store::copy, while others wait for the disk. As read().
+  void copy(std::size_t most, std::function<void(Outcome<std::string> file)> take);
 
   // Ends the session: edits that are not being made or stored yet are refused, as are later ones. Then the store is closed.
   void end();

@@ -2,8 +2,13 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <atomic>
+#include <filesystem>
 #include <fstream>
+#include <stop_token>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include "tests/support/process.h"
@@ -191,6 +196,55 @@ TEST_F(KeptEdits, NobodyUsesTheLogOfALivingSession) {
   EXPECT_EQ(edits({"import", log("other"), (folder / "lines").string()}).code, 0) << "nobody is there";
   EXPECT_THAT(ask(server.port(), "GET /v1/heights?at=5,5&session=other"), HasSubstr(" 200 "));
   EXPECT_THAT(ask(server.port(), "GET /v1/sessions/other/edits"), HasSubstr("{\"last\": 4,"));
+}
+
+// What a backup has is what had been acknowledged when it was asked for, and perhaps the edits that came meanwhile: each whole, in order.
+TEST_F(KeptEdits, ABackupOfALivingSessionCanBeRestored) {
+  const auto fileOf = [](const std::string& answer) { return answer.substr(std::min(answer.size(), answer.find("\r\n\r\n") + 4)); };
+  const std::string other = (folder / "other").string(), restored = other + "/default.edits";
+  std::filesystem::create_directory(other);
+  std::string original;
+  int before = 0, after = 0;
+  {
+    ServerProcess server(RIDGECAST_SERVER, arguments());
+    EXPECT_THAT(ask(server.port(), "GET /v1/sessions/default/backup"), HasSubstr("This session has no edits yet."));
+    EXPECT_THAT(ask(server.port(), "GET /v1/sessions/none/backup"), StartsWith("HTTP/1.1 404"));
+    EXPECT_THAT(ask(server.port(), "POST /v1/sessions/default/backup", "{}"), StartsWith("HTTP/1.1 405"));
+    std::atomic<int> made{0};
+    std::jthread editor([&](const std::stop_token& stop) {
+      while (!stop.stop_requested()) edit(server.port(), "default", made + 1), ++made;
+    });
+    EXPECT_TRUE(await([&] { return made >= 20; }));
+    before = made;
+    const std::string answer = ask(server.port(), "GET /v1/sessions/default/backup");
+    after = made + 1;
+    EXPECT_THAT(answer, StartsWith("HTTP/1.1 200"));
+    EXPECT_THAT(answer, HasSubstr("filename=\"default.edits\""));
+    std::ofstream(restored, std::ios::binary) << fileOf(answer);
+    EXPECT_TRUE(await([&] { return made >= after + 5; })) << "edits go on";
+    editor.request_stop();
+    editor.join();
+    EXPECT_THAT(edits({"backup", log("default"), (folder / "copy").string()}).output,
+                HasSubstr("Or ask that server for the copy: GET /v1/sessions/SESSION/backup."));
+    EXPECT_EQ(server.stop(), 0);
+  }
+  const auto verified = edits({"verify", restored});
+  EXPECT_EQ(verified.code, 0) << verified.output;
+  const std::string all = edits({"export", log("default")}).output, copy = edits({"export", restored}).output;
+  const auto lines = std::ranges::count(copy, '\n');
+  EXPECT_GE(lines, before);
+  EXPECT_LE(lines, after);
+  EXPECT_EQ(copy, all.substr(0, copy.size())) << "the same edits";
+  // A server goes on with it, on the same ground.
+  ServerProcess server(RIDGECAST_SERVER, {"--state", other});
+  const auto last = static_cast<int>(lines);
+  expectAll(server.port(), "default", last);
+  edit(server.port(), "default", last + 1);
+  ServerProcess first(RIDGECAST_SERVER, arguments());
+  for (const int number : {1, last, last + 1}) {
+    const std::string height = "GET /v1/heights?at=" + std::to_string(100 * number + 3) + ",2";
+    EXPECT_EQ(fileOf(ask(server.port(), height)), fileOf(ask(first.port(), height))) << number;
+  }
 }
 
 TEST_F(KeptEdits, ASlowOneIsNotAcknowledgedInASessionThatHasEnded) {
