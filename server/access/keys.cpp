@@ -22,7 +22,7 @@ namespace {
 
 using nlohmann::json;
 
-constexpr std::size_t kMaxSecretBytes = 4096, kMaxFileBytes = 65'536;
+constexpr std::size_t kMaxSecretBytes = 4096;
 constexpr std::size_t kHalf = 32;  // of an ES256 signature and of a point of P-256
 
 template <auto Free>
@@ -145,17 +145,19 @@ Outcome<std::vector<Key>> Key::readSet(const std::string& text) {
     if (!built) return Error{"a key of it is broken"};
     auto key = of(std::move(built));
     if (!key) return key.error();
+    if (const auto id = member.find("kid"); id != member.end() && id->is_string()) key->id_ = id->get<std::string>();
     keys.push_back(std::move(*key));
   }
   if (keys.empty()) return Error{"it has no key for RS256 or ES256"};
+  if (keys.size() > kMaxKeys) return Error{"it has more than " + std::to_string(kMaxKeys) + " keys"};
   return keys;
 }
 
 Outcome<std::vector<Key>> Key::readPublic(const std::filesystem::path& file) {
-  const auto text = text::readFile(file, kMaxFileBytes);
+  const auto text = text::readFile(file, kMaxKeyBytes);
   if (!text) return Error{"Cannot read the key file '" + file.string() + "'."};
   const std::string where = "The key file '" + file.string() + "' cannot be used: ";
-  if (text->size() > kMaxFileBytes) return Error{where + "it is longer than 64 KiB."};
+  if (text->size() > kMaxKeyBytes) return Error{where + "it is longer than 64 KiB."};
   const auto first = text->find_first_not_of(" \t\r\n");
   auto keys = first != std::string::npos && (*text)[first] == '{' ? readSet(*text) : readPem(*text);
   if (!keys) return Error{where + keys.error().message + "."};

@@ -15,9 +15,10 @@ struct evp_pkey_st;  // OpenSSL's
 
 namespace ridgecast::access {
 
-inline constexpr std::size_t kMinSecretBytes = 32;  // RFC 7518, section 3.2
-inline constexpr int kMinRsaBits = 2048;            // section 3.3
-inline constexpr std::size_t kMaxKeys = 16;         // of all files together
+inline constexpr std::size_t kMinSecretBytes = 32;   // RFC 7518, section 3.2
+inline constexpr int kMinRsaBits = 2048;             // section 3.3
+inline constexpr std::size_t kMaxKeys = 16;          // of all files together, and as many of an issuer's URL
+inline constexpr std::size_t kMaxKeyBytes = 65'536;  // of a file, and of the answer of that URL
 
 // Immutable; any thread.
 class Key {
@@ -26,21 +27,24 @@ class Key {
     expects(secret_.size() >= kMinSecretBytes, "a secret is as long as its hash");
   }
   // The public keys in a file: PEM, one or more, or a JSON Web Key Set (RFC 7517), in which keys for other purposes are skipped.
-  // Error: unreadable, longer than 64 KiB, neither of the two, no key that is usable here, more than kMaxKeys.
+  // Error: unreadable, longer than kMaxKeyBytes, neither of the two, no key that is usable here, more than kMaxKeys.
   static Outcome<std::vector<Key>> readPublic(const std::filesystem::path& file);
+  // Those of a JSON Web Key Set. Error: what is wrong with "it".
+  static Outcome<std::vector<Key>> readSet(const std::string& text);
 
   // The one algorithm that this key is for (RFC 7518, section 3.1).
   std::string_view algorithm() const { return algorithm_; }
+  // The `kid` that its set gives it; empty: none.
+  const std::string& id() const { return id_; }
   bool verifies(std::string_view content, std::string_view signature) const;
 
  private:
   explicit Key(std::shared_ptr<evp_pkey_st> key, std::string_view algorithm) : algorithm_(algorithm), key_(std::move(key)) {}
   static Outcome<Key> of(std::shared_ptr<evp_pkey_st> key);
   static Outcome<std::vector<Key>> readPem(const std::string& text);
-  static Outcome<std::vector<Key>> readSet(const std::string& text);
 
   std::string_view algorithm_ = "HS256";
-  std::string secret_;
+  std::string secret_, id_;
   std::shared_ptr<evp_pkey_st> key_;
 };
 

@@ -67,6 +67,8 @@ std::string toText(Time time) {
 
 Outcome<std::shared_ptr<const Tokens>> Tokens::load(const Files& files) {
   auto tokens = std::make_shared<Tokens>();
+  auto byHash = std::make_shared<ByHash>();
+  tokens->jwt_ = files.jwt;
   for (const auto& file : files.secrets) {
     auto secret = loadSecret(file);
     if (!secret) return secret.error();
@@ -91,33 +93,44 @@ Outcome<std::shared_ptr<const Tokens>> Tokens::load(const Files& files) {
       if (begin == std::string::npos || line[begin] == '#') continue;
       auto parsed = parseLine(line);
       if (!parsed) return Error{where + parsed.error().message + "."};
-      if (tokens->byHash_.size() >= kMaxTokens) return Error{where + "there are more than " + std::to_string(kMaxTokens) + " tokens."};
-      tokens->byHash_.insert_or_assign(std::move(parsed->second), std::move(parsed->first));
+      if (byHash->size() >= kMaxTokens) return Error{where + "there are more than " + std::to_string(kMaxTokens) + " tokens."};
+      byHash->insert_or_assign(std::move(parsed->second), std::move(parsed->first));
     }
     if (in.bad()) return Error{"Cannot read the token file '" + tokenFile.string() + "'."};
   }
+  tokens->byHash_ = std::move(byHash);
+  tokens->ofFiles_ = tokens->keys_.size();
   return std::shared_ptr<const Tokens>(std::move(tokens));
 }
 
-Outcome<Grant> Tokens::judge(std::string_view token, Time now) const {
+std::shared_ptr<const Tokens> Tokens::with(std::span<const Key> issuers) const {
+  auto out = std::make_shared<Tokens>(*this);
+  out->keys_.erase(out->keys_.begin() + static_cast<std::ptrdiff_t>(ofFiles_), out->keys_.end());
+  out->keys_.insert(out->keys_.end(), issuers.begin(), issuers.end());
+  return out;
+}
+
+Outcome<JwtGrant> Tokens::judge(std::string_view token, Time now) const {
   if (token.empty() || token.size() > kMaxTokenBytes) return Error{"The token is too short or too long to be one."};
-  if (!keys_.empty() && token.find('.') != std::string_view::npos) return verifyJwt(token, keys_, now);
-  const auto found = byHash_.find(hex(sha256(token)));
-  if (found == byHash_.end()) return Error{"The token is not known here."};
+  if (!keys_.empty() && token.find('.') != std::string_view::npos) return verifyJwt(token, keys_, now, jwt_);
+  const auto found = byHash_->find(hex(sha256(token)));
+  if (found == byHash_->end()) return Error{"The token is not known here."};
   if (found->second.expires && now >= *found->second.expires) return Error{"The token has expired."};
-  return found->second;
+  return JwtGrant{found->second, {}};
 }
 
 std::vector<std::string> Tokens::missingFrom(const Tokens& other) const {
   std::vector<std::string> missing;
-  for (const auto& [hash, grant] : byHash_)
-    if (!other.byHash_.contains(hash)) missing.push_back(hash);
+  for (const auto& [hash, grant] : *byHash_)
+    if (!other.byHash_->contains(hash)) missing.push_back(hash);
   return missing;
 }
 
 std::shared_ptr<const Tokens> Tokens::without(const std::vector<std::string>& hashes) const {
   auto fewer = std::make_shared<Tokens>(*this);
-  for (const std::string& hash : hashes) fewer->byHash_.erase(hash);
+  auto byHash = std::make_shared<ByHash>(*byHash_);
+  for (const std::string& hash : hashes) byHash->erase(hash);
+  fewer->byHash_ = std::move(byHash);
   return fewer;
 }
 

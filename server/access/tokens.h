@@ -11,22 +11,27 @@
 
 #include <filesystem>
 #include <memory>
+#include <span>
 #include <string>
 #include <string_view>
 #include <unordered_map>
 #include <vector>
 
 #include "common/outcome/outcome.h"
+#include "server/access/jwt.h"
 #include "server/access/keys.h"
 #include "server/access/rights.h"
 
 namespace ridgecast::access {
 
-// The files that a server checks tokens against.
+// The files, and the URL, that a server checks tokens against.
 struct Files {
   std::filesystem::path tokens = {};                           // empty: none
   std::vector<std::filesystem::path> secrets = {}, keys = {};  // of JSON Web Tokens (keys.h), all valid at a time
-  bool empty() const { return tokens.empty() && secrets.empty() && keys.empty(); }
+  std::string keyUrl = {};                                     // of more such keys (issuer_keys.h); empty: none
+  std::filesystem::path keyAuthorities = {};                   // that vouch for its host, PEM; empty: the system's
+  JwtTerms jwt = {};
+  bool empty() const { return tokens.empty() && secrets.empty() && keys.empty() && keyUrl.empty(); }
 };
 
 // Immutable; any thread.
@@ -35,17 +40,23 @@ class Tokens {
   // Errors, for people: a file cannot be read, a line is wrong (and which), a secret is too short, a key is not usable, too many keys.
   static Outcome<std::shared_ptr<const Tokens>> load(const Files& files);
 
-  // Error: why it is refused, in one sentence that reveals nothing about the token.
-  Outcome<Grant> judge(std::string_view token, Time now) const;
+  // The same with these keys of an issuer beside those of the files, instead of any it had.
+  std::shared_ptr<const Tokens> with(std::span<const Key> issuers) const;
 
-  std::size_t count() const { return byHash_.size(); }
+  // Error: why it is refused, in one sentence that reveals nothing about the token.
+  Outcome<JwtGrant> judge(std::string_view token, Time now) const;
+
+  std::size_t count() const { return byHash_->size(); }
   // The tokens of the file, by their hashes: those of this one that another lacks, and this one without some.
   std::vector<std::string> missingFrom(const Tokens& other) const;
   std::shared_ptr<const Tokens> without(const std::vector<std::string>& hashes) const;
 
  private:
-  std::unordered_map<std::string, Grant> byHash_;  // hex SHA-256 of the token
-  std::vector<Key> keys_;                          // none: no JSON Web Tokens
+  using ByHash = std::unordered_map<std::string, Grant>;  // hex SHA-256 of the token
+  std::shared_ptr<const ByHash> byHash_;
+  std::vector<Key> keys_;    // none: no JSON Web Tokens
+  std::size_t ofFiles_ = 0;  // of keys_, the first
+  JwtTerms jwt_;
 };
 
 // A new token, and its line for the file.

@@ -13,6 +13,7 @@
 #include "server/config/layers.h"
 #include "server/config/token_command.h"
 #include "server/memory/memory.h"
+#include "server/net/fetch.h"
 
 namespace ridgecast::config {
 
@@ -42,6 +43,7 @@ struct Written {
   bool isPrivate = false, quiet = false;
   std::vector<std::string> parameters, raster, trustedProxies, allowedHosts, secretFiles, keyFiles;
   double snapshotShare = 10;  // percent
+  int jwtLeeway = 60;         // seconds
   std::string logFormat = "text", logLevel = "info";
 };
 
@@ -116,6 +118,14 @@ void addAccess(CLI::App& app, Written& w) {
           "Secret of JSON Web Tokens (HS256), at least 32 bytes; repeatable, all are valid; SIGHUP reloads it");
   addList(app, "--jwt-key-file", w.keyFiles, "FILE",
           "Public keys of JSON Web Tokens (RS256, ES256), PEM or a JSON Web Key Set; repeatable; SIGHUP reloads it");
+  app.add_option("--jwt-key-url", n.tokens.keyUrl,
+                 "URL (https) of a JSON Web Key Set; fetched at the start, on SIGHUP, and when a token names another key, once a minute")
+      ->type_name("URL");
+  app.add_option("--jwt-key-ca", n.tokens.keyAuthorities, "Authorities (PEM) for the certificate of --jwt-key-url; default: the system's")
+      ->type_name("FILE");
+  app.add_option("--jwt-audience", n.tokens.jwt.audience, "Audience (aud) that JSON Web Tokens must have; default: any")->type_name("TEXT");
+  app.add_option("--jwt-issuer", n.tokens.jwt.issuer, "Issuer (iss) that JSON Web Tokens must have; default: any")->type_name("TEXT");
+  addNumber(app, "--jwt-leeway", w.jwtLeeway, "Seconds by which the clocks of issuers may differ", 0, 3600);
   addList(app, "--allow-origin", n.allowedOrigins, "ORIGIN", "Another origin whose pages may connect, such as https://example.org; *: any");
   addList(app, "--allowed-host", w.allowedHosts, "NAME",
           "Another host name that a server without tokens answers to, besides its addresses and localhost; *: any");
@@ -209,6 +219,9 @@ Outcome<Config> finish(Written&& w) {
   if (const auto error = parseAll(w.parameters, glsl::parseAssignment, c.terrain.parameters)) return *error;
   if (const auto error = parseAll(w.trustedProxies, access::Network::parse, c.net.trustedProxies)) return *error;
   if (const auto error = parseAll(w.allowedHosts, access::parseHostName, c.net.allowedHosts)) return *error;
+  c.net.tokens.jwt.leeway = std::chrono::seconds(w.jwtLeeway);
+  if (!c.net.tokens.keyUrl.empty())
+    if (const auto url = net::HttpsUrl::parse(c.net.tokens.keyUrl); !url) return url.error();
   c.net.tokens.secrets.assign(w.secretFiles.begin(), w.secretFiles.end());
   c.net.tokens.keys.assign(w.keyFiles.begin(), w.keyFiles.end());
   for (const std::string& option : w.raster)

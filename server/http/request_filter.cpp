@@ -3,6 +3,7 @@
 #include "common/text/text.h"
 #include "server/access/host.h"
 #include "server/directory/directory.h"
+#include "server/logging/logging.h"
 
 namespace ridgecast::http {
 
@@ -62,19 +63,59 @@ Needed needed(std::string_view method, std::string_view path) {
   return {Right::kView};
 }
 
-std::optional<Error> RequestFilter::load(std::vector<std::string>* withdrawn) {
+std::optional<Error> RequestFilter::load(std::vector<std::string>* withdrawn, const std::function<void()>& changed) {
   if (!requiresTokens()) return {};
   auto tokens = access::Tokens::load(settings_.tokens);
   if (!tokens) return tokens.error();
+  const auto failed = [](const Error& e) { logging::error("the keys of the tokens' issuer stay as they were: " + e.message); };
+  std::optional<Outcome<std::vector<access::Key>>> fetched;
+  if (!settings_.tokens.keyUrl.empty()) {
+    const bool isFirst = !remote_;
+    if (isFirst) {
+      const auto take = [this, changed](std::vector<access::Key> keys) {
+        this->take(std::move(keys));
+        changed();
+      };
+      remote_ = std::make_unique<access::IssuerKeys>(fetch_, take, failed);
+    }
+    fetched = remote_->fetch();
+    if (!*fetched && isFirst) {
+      remote_.reset();
+      return fetched->error();
+    }
+    if (!*fetched) failed(fetched->error());
+  }
   const std::lock_guard lock(mutex_);
   if (withdrawn && tokens_) *withdrawn = tokens_->missingFrom(**tokens);
-  tokens_ = std::move(*tokens);
+  if (fetched && *fetched) issuers_ = std::move(**fetched);
+  tokens_ = (*tokens)->with(issuers_);
   return {};
 }
 
 void RequestFilter::withdraw(const std::vector<std::string>& hashes) {
   const std::lock_guard lock(mutex_);
   if (tokens_) tokens_ = tokens_->without(hashes);
+}
+
+void RequestFilter::take(std::vector<access::Key> issuers) {
+  const std::lock_guard lock(mutex_);
+  issuers_ = std::move(issuers);
+  if (tokens_) tokens_ = tokens_->with(issuers_);
+}
+
+Answer RequestFilter::refusalOf(std::string_view token, const Error& why) const {
+  if (remote_ && remote_->mayKnowSoon(token))
+    return refused(503, metrics::Refusal::kToken, "The token names a key that is being fetched; ask again in a moment.",
+                   {{"Retry-After", "1"}});
+  return unauthorised(why.message, R"(, error="invalid_token")");
+}
+
+void RequestFilter::logUnknown(const std::vector<std::string>& rights) const {
+  for (const std::string& right : rights) {
+    const std::lock_guard lock(mutex_);
+    if (unknown_.size() < kMaxUnknown && unknown_.insert(right).second)
+      logging::info("ignores the right '" + right + "' of a token, which is unknown here");
+  }
 }
 
 // Whether this is the server's own page or an allowed one. access/host.h has already checked the server's name.
@@ -114,8 +155,9 @@ std::variant<access::Grant, Answer> RequestFilter::judge(const Request& request)
     tokens = tokens_;
   }
   auto grant = tokens->judge(bearer, now);
-  if (!grant) return unauthorised(grant.error().message, R"(, error="invalid_token")");
-  if (fromUrl && (!grant->expires || *grant->expires - now > kLongestInUrl))
+  if (!grant) return refusalOf(bearer, grant.error());
+  logUnknown(grant->unknown);
+  if (fromUrl && (!grant->expires || *grant->expires - now > kLongestInUrl + settings_.tokens.jwt.leeway))
     return unauthorised("A token in a URL must expire within a day; 'ridgecast-server token --expires 1h' makes one.",
                         R"(, error="invalid_token")");
   const auto forbidden = [&](std::string sentence) {
@@ -134,7 +176,7 @@ std::variant<access::Grant, Answer> RequestFilter::judge(const Request& request)
     return grant->reaches(session->empty() ? directory::kDefaultName : std::string_view(*session));
   };
   if (!reaches()) return forbidden("The token is for another session.");
-  return std::move(*grant);
+  return access::Grant(std::move(*grant));
 }
 
 }  // namespace ridgecast::http

@@ -8,15 +8,19 @@
 
 #include <chrono>
 #include <filesystem>
+#include <functional>
 #include <memory>
 #include <mutex>
 #include <optional>
+#include <set>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <variant>
 #include <vector>
 
 #include "common/outcome/outcome.h"
+#include "server/access/issuer_keys.h"
 #include "server/access/tokens.h"
 #include "server/http/routes.h"
 
@@ -34,10 +38,13 @@ struct Access {
 
 class RequestFilter {
  public:
-  explicit RequestFilter(const Access& settings) : settings_(settings) {}
+  // `fetch`: as IssuerKeys::Fetch, of Files::keyUrl.
+  explicit RequestFilter(const Access& settings, access::IssuerKeys::Fetch fetch = {}) : settings_(settings), fetch_(std::move(fetch)) {}
 
-  // Reads the tokens, also again later. On an error the old ones stay. `withdrawn`: gains the hashes of those that the file has no longer.
-  std::optional<Error> load(std::vector<std::string>* withdrawn = nullptr);
+  // Reads the tokens, also again later. On an error the old ones stay. An issuer whose keys cannot be fetched is an error the first time;
+  // later its keys stay, and the log says so. `withdrawn`: gains the hashes of the tokens that the file has no longer. `changed` is called,
+  // by another thread, when the issuer's keys have changed by themselves.
+  std::optional<Error> load(std::vector<std::string>* withdrawn = nullptr, const std::function<void()>& changed = [] {});
   // Refuses these until load().
   void withdraw(const std::vector<std::string>& hashes);
   bool requiresTokens() const { return !settings_.tokens.empty(); }
@@ -47,10 +54,18 @@ class RequestFilter {
 
  private:
   bool originMayAsk(std::string_view origin, std::string_view host) const;
+  Answer refusalOf(std::string_view token, const Error& why) const;
+  void take(std::vector<access::Key> issuers);
+  void logUnknown(const std::vector<std::string>& rights) const;
 
   const Access settings_;
+  const access::IssuerKeys::Fetch fetch_;
   mutable std::mutex mutex_;
   std::shared_ptr<const access::Tokens> tokens_;
+  std::vector<access::Key> issuers_;                    // keys
+  mutable std::set<std::string, std::less<>> unknown_;  // rights that the log has named, at most kMaxUnknown
+  static constexpr std::size_t kMaxUnknown = 64;
+  std::unique_ptr<access::IssuerKeys> remote_;  // last: its thread uses the others
 };
 
 // What a route requires; empty: nothing. Every path below /v1/ requires something.

@@ -8,6 +8,7 @@
 
 #include "server/http/worlds.h"
 #include "server/logging/logging.h"
+#include "server/net/fetch.h"
 #include "server/net/http.h"
 #include "server/net/listener.h"
 #include "server/net/operations.h"
@@ -15,6 +16,8 @@
 #include "server/net/withdrawals.h"
 
 namespace ridgecast::net {
+
+constexpr std::chrono::seconds kFetchTimeout{10};
 
 std::string nameOf(const boost::asio::ip::tcp::endpoint& endpoint) {
   const std::string address = endpoint.address().to_string();
@@ -24,6 +27,14 @@ std::string nameOf(const boost::asio::ip::tcp::endpoint& endpoint) {
 access::Address addressOf(const boost::asio::ip::tcp::endpoint& endpoint) {
   const auto address = endpoint.address();
   return (address.is_v6() ? address.to_v6() : boost::asio::ip::make_address_v6(boost::asio::ip::v4_mapped, address.to_v4())).to_bytes();
+}
+
+access::IssuerKeys::Fetch keysOf(const access::Files& files) {
+  if (files.keyUrl.empty()) return {};
+  return [url = HttpsUrl::parse(files.keyUrl), authorities = files.keyAuthorities](const std::stop_token& stop) -> Outcome<std::string> {
+    if (!url) return url.error();
+    return fetch(*url, authorities, access::kMaxKeyBytes, kFetchTimeout, stop);
+  };
 }
 
 namespace {
@@ -170,8 +181,12 @@ class ListeningServer final : public Server {
       if (!loaded) return loaded.error();
       tls = std::move(*loaded);
     }
+    const auto keysChanged = [weak = std::weak_ptr(shared_)] {
+      if (const auto shared = weak.lock())
+        for (const auto& stream : shared->streams.all()) stream->postJudge();
+    };
     std::vector<std::string> withdrawn;
-    if (auto error = shared_->filter.load(&withdrawn)) return error;
+    if (auto error = shared_->filter.load(&withdrawn, keysChanged)) return error;
     withdrawals_->loaded(withdrawn);
     {
       const std::lock_guard lock(shared_->tlsMutex);

@@ -1,6 +1,6 @@
 #pragma once
 // The port for HTTP requests and WebSocket streams, and the admin port, if any. The only room of the server that sees sockets; Boost.Beast
-// stays in http.cpp and stream.cpp, OpenSSL in common/transport.
+// stays in fetch.cpp, http.cpp and stream.cpp, OpenSSL in common/transport.
 //
 // Each connection has one strand: its handlers never run concurrently, and one writer sends its messages in order. Encoding and all work on
 // meshes runs on the cameras' pools; the threads here only move bytes.

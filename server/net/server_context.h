@@ -116,6 +116,9 @@ struct Connections {
   std::atomic<std::uint32_t> admins{0};  // of the admin port
 };
 
+// How the keys of the tokens' issuer are fetched; empty: it has no URL.
+access::IssuerKeys::Fetch keysOf(const access::Files& files);
+
 // Shared by all connections. Outlives them.
 struct ServerContext {
   ServerContext(const Settings& s, std::shared_ptr<directory::Directory> d, std::vector<Route> r)
@@ -123,7 +126,7 @@ struct ServerContext {
         directory(std::move(d)),
         routes(std::move(r)),
         figures(directory->resources().figures),
-        filter(settings),
+        filter(settings, keysOf(settings.tokens)),
         connections(std::make_shared<Connections>(settings.maxConnectionsPerAddress)),
         queues{{{s.promptJobs, figures->work("answers")},
                 {s.tileJobs, figures->work("tiles")},

@@ -231,6 +231,59 @@ TEST(Jwt, RefusesOtherWaysOfSigning) {
     EXPECT_FALSE(verifyJwt(signedToken(header, kClaims), kSecret, kToday)) << header;
 }
 
+TEST(Jwt, MustBeForThisServerAndByItsIssuer) {
+  const auto judge = [](const std::string& claims, const JwtTerms& terms) {
+    const auto grant = access::verifyJwt(signedToken(kHeader, R"({"exp":1800000060,"rights":"view")" + claims + "}"),
+                                         std::vector{Key(kSecret)}, kToday, terms);
+    return grant ? "" : grant.error().message;
+  };
+  const JwtTerms ours{.audience = "terrain"}, theirs{.issuer = "https://issuer.example"};
+  EXPECT_EQ(judge(R"(,"aud":"terrain")", ours), "");
+  EXPECT_EQ(judge(R"(,"aud":["mail","terrain"])", ours), "");
+  for (const char* wrong : {"", R"(,"aud":"mail")", R"(,"aud":[])", R"(,"aud":"terrain ")", R"(,"aud":"Terrain")",
+                            R"(,"aud":{"terrain":1})", R"(,"aud":[["terrain"]])", R"(,"aud":null)"})
+    EXPECT_EQ(judge(wrong, ours), "The token is not for this server, whose audience is 'terrain'.") << wrong;
+  EXPECT_EQ(judge(R"(,"iss":"https://issuer.example")", theirs), "");
+  for (const char* wrong : {"", R"(,"iss":"https://issuer.example/")", R"(,"iss":["https://issuer.example"])", R"(,"iss":7)"})
+    EXPECT_EQ(judge(wrong, theirs), "The token is of another issuer than 'https://issuer.example'.") << wrong;
+  EXPECT_EQ(judge(R"(,"aud":"mail","iss":"anybody")", {}), "");
+}
+
+TEST(Jwt, ClocksMayDifferByTheLeeway) {
+  using std::chrono::seconds;
+  const std::string token = signedToken(kHeader, R"({"exp":1800000060,"nbf":1800000000,"rights":"view"})");
+  const auto isGood = [&](int second, int leeway) {
+    return access::verifyJwt(token, std::vector{Key(kSecret)}, kToday + seconds(second), {.leeway = seconds(leeway)}).has_value();
+  };
+  EXPECT_TRUE(isGood(0, 0) && isGood(59, 0));
+  EXPECT_FALSE(isGood(-1, 0) || isGood(60, 0));
+  EXPECT_TRUE(isGood(-30, 30) && isGood(89, 30));
+  EXPECT_FALSE(isGood(-31, 30) || isGood(90, 30));
+  EXPECT_EQ(access::verifyJwt(token, std::vector{Key(kSecret)}, kToday, {.leeway = seconds(30)})->expires, kToday + seconds(90));
+}
+
+TEST(Jwt, RightsMayStandInScopeAndRolesOfATokenForThisServer) {
+  const auto judge = [](const std::string& claims, const std::string& audience = "terrain") {
+    return access::verifyJwt(signedToken(kHeader, R"({"exp":1800000060,"aud":"terrain",)" + claims + "}"), std::vector{Key(kSecret)},
+                             kToday, {.audience = audience});
+  };
+  EXPECT_EQ(judge(R"("scope":"openid view  query")")->rights, Rights(Right::kView) | Right::kQuery);
+  EXPECT_EQ(judge(R"("scope":"openid view query")")->unknown, std::vector<std::string>{"openid"});
+  EXPECT_EQ(judge(R"("roles":["view","clock"])")->rights, Rights(Right::kView) | Right::kClock);
+  EXPECT_EQ(judge(R"("roles":"edit","scope":"view")")->rights, Rights(Right::kView) | Right::kEdit);
+  EXPECT_EQ(judge(R"("rights":"view","roles":["admin"],"scope":"edit")")->rights, Rights(Right::kView)) << "rights say it all";
+  EXPECT_EQ(judge(R"("rights":["view","fly\n"])")->rights, Rights(Right::kView));
+  EXPECT_EQ(judge(R"("rights":["view","fly"])")->unknown, std::vector<std::string>{"fly"});
+  EXPECT_EQ(judge(R"("scope":"openid profile")").error().message, "The token names no rights that are known here.");
+  EXPECT_FALSE(judge(R"("scope":["view"],"roles":[1])"));
+  EXPECT_FALSE(judge(R"("roles":{"view":true})"));
+  // Who names no audience takes tokens that are meant for others: their roles are not the ones here.
+  EXPECT_EQ(judge(R"("roles":["admin"],"scope":"view")", "").error().message, "The token names no rights.");
+  std::string many;
+  for (int k = 0; k < 200; ++k) many += "x" + std::to_string(k) + " ";
+  EXPECT_EQ(judge(R"("scope":")" + many + "view\"")->unknown.size(), JwtGrant::kMaxUnknown);
+}
+
 TEST(Jwt, RefusesClaimsThatAreNone) {
   const std::string deep(3000, '[');
   for (const std::string claims :
