@@ -11,6 +11,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <condition_variable>
 #include <csignal>
 #include <cstddef>
 #include <cstdlib>
@@ -19,12 +20,14 @@
 #include <fstream>
 #include <future>
 #include <iostream>
+#include <mutex>
 #include <optional>
 #include <sstream>
 #include <stop_token>
 #include <string>
 #include <string_view>
 #include <system_error>
+#include <thread>
 #include <vector>
 
 #include "common/glsl/probe.h"
@@ -150,6 +153,24 @@ void untilEnded(net::Server& server, const sigset_t& signals) {
   }
 }
 
+// Ends the process, with a sentence in the log, if it still lives after this time. Edits that were acknowledged are on the disk by then.
+class Deadline {
+ public:
+  explicit Deadline(std::chrono::milliseconds time)
+      : thread_([this, time](const std::stop_token& stop) {
+          std::unique_lock lock(mutex_);
+          if (wake_.wait_for(lock, stop, time, [] { return false; }) || stop.stop_requested()) return;
+          logging::error("ends at once: " + std::to_string(net::kAfterDrain.count()) +
+                         " s after the drain, a disk or an answer still keeps it");
+          std::_Exit(1);
+        }) {}
+
+ private:
+  std::mutex mutex_;
+  std::condition_variable_any wake_;
+  std::jthread thread_;  // last: it uses the others
+};
+
 // From now on SIGINT and SIGTERM end the process at once.
 void letSignalsEndIt() {
   sigset_t signals;
@@ -180,6 +201,7 @@ Outcome<void> claimDefault(const session::Resources& resources, const terrain::T
 
 // `begin` may be empty.
 int serve(const config::Config& config, const sigset_t& signals, const BeginServing& begin) {
+  std::optional<Deadline> deadline;  // of all that follows
   report(config.ignoredVariables);
   auto terrain = user_terrain::load(config.terrain, warn);  // before any thread begins
   if (!terrain) return refuse(terrain.error().message);
@@ -295,6 +317,7 @@ int serve(const config::Config& config, const sigset_t& signals, const BeginServ
   notify("READY=1\nSTATUS=Serving at " + server->url());
   untilEnded(*server, signals);
   letSignalsEndIt();
+  deadline.emplace(config.net.drainDelay + config.net.drain + net::kAfterDrain);
   watch.reset();
   start = nullptr;
   notify("STOPPING=1\nSTATUS=Waiting for clients to leave");

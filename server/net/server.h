@@ -44,6 +44,8 @@
 namespace ridgecast::net {
 
 inline constexpr std::size_t kMaxQueuedMessages = 128;
+// After a signal the program ends within drainDelay, drain and this: what its manager must wait before it kills it.
+inline constexpr std::chrono::seconds kAfterDrain{15};
 
 struct Settings : http::Access {                 // host: the address to listen on
   std::uint16_t port = 7070;                     // 0: any free one

@@ -437,6 +437,40 @@ TEST(Operations, FilesForSystemdAndPrometheusAreGood) {
   if (judged < 2) GTEST_SKIP() << "systemd-analyze or promtool (package prometheus) is not installed: " << judged << " of 2 judged";
 }
 
+// What kills a server waits for as long as it may take.
+TEST(Operations, WhoeverStopsAServerWaitsForIt) {
+  constexpr int kAfterDrain = 15;  // as server/README.md says
+  ASSERT_THAT(readText(RIDGECAST_DOCKER "/../server/README.md"),
+              HasSubstr("`drain-delay` + `drain` + " + std::to_string(kAfterDrain) + " s"));
+  const auto numberIn = [](const std::string& text, const std::string& before) {
+    std::smatch found;
+    return std::regex_search(text, found, std::regex(before + "\\s*\"?([0-9]+)")) ? std::stoi(found[1]) : -1;
+  };
+  // By the settings that the program has there.
+  const auto needs = [&](const std::vector<std::string>& arguments, const Environment& environment) {
+    std::vector<std::string> command{RIDGECAST_SERVER, "--print-config"};
+    command.insert(command.end(), arguments.begin(), arguments.end());
+    const Finished settings = runProgram(command, environment);
+    EXPECT_EQ(settings.code, 0) << settings.output;
+    const int delay = numberIn(settings.output, "\ndrain-delay ="), drain = numberIn(settings.output, "\ndrain =");
+    EXPECT_GE(delay, 0) << settings.output;
+    EXPECT_GT(drain, 0) << settings.output;
+    return delay + drain + kAfterDrain;
+  };
+  EXPECT_GE(numberIn(readText(RIDGECAST_DOCKER "/systemd/ridgecast-server.service"), "\nTimeoutStopSec="),
+            needs({"--config", RIDGECAST_DOCKER "/systemd/server.toml"}, {}));
+  const std::string pods = readText(RIDGECAST_DOCKER "/kubernetes/server.yaml");
+  Environment drains;
+  for (const char* name : {"RIDGECAST_DRAIN_DELAY", "RIDGECAST_DRAIN"})
+    drains.emplace_back(name, std::to_string(numberIn(pods, std::string("name: ") + name + ", value:")));
+  EXPECT_GE(numberIn(pods, "terminationGracePeriodSeconds:"), needs({}, drains));
+  for (const char* file : {"/compose.yaml", "/compose.scale.yaml"}) {
+    const std::string compose = readText(std::string(RIDGECAST_DOCKER) + file);
+    EXPECT_EQ(compose.find("RIDGECAST_DRAIN"), compose.npos) << "of which this test knows nothing";
+    EXPECT_GE(numberIn(compose, "stop_grace_period:"), needs({}, {})) << file;
+  }
+}
+
 // By the types of the Kubernetes API, by the server whose settings they give, and by Prometheus, whose queries the autoscaler needs.
 TEST(Operations, FilesForKubernetesAreGood) {
   if (!std::getenv("TESTS_NODE_TOOLS") || !programExists("node")) GTEST_SKIP() << "no node, or TESTS_NODE_TOOLS names no folder";

@@ -4,7 +4,9 @@
 
 #include <atomic>
 #include <chrono>
+#include <csignal>
 #include <cstdio>
+#include <filesystem>
 #include <string>
 #include <thread>
 #include <vector>
@@ -14,6 +16,7 @@
 #include "tests/support/sanitized.h"
 #include "tests/support/server_process.h"
 #include "tests/support/socket_client.h"
+#include "tests/support/waiting.h"
 
 namespace ridgecast {
 namespace {
@@ -75,6 +78,23 @@ TEST_F(SlowDisk, WhatWaitsIsKeptInOneWrite) {
   }
   const std::chrono::duration<double, std::milli> took = std::chrono::steady_clock::now() - begun;
   EXPECT_LT(took.count(), 24 * kSync) << "each has a write of its own";
+}
+
+// An edit that is being stored keeps nobody from ending the server, for good.
+TEST(HungDisk, AServerThatIsToldToEndEndsWithinItsTime) {
+  ScratchFolder folder;
+  ServerProcess server{RIDGECAST_SERVER,
+                       {"--drain", "1", "--state", (folder / "state").string()},
+                       0,
+                       {{"LD_PRELOAD", RIDGECAST_SLOW_DISK}, {"SLOW_DISK_MS", "3600000"}}};
+  const std::string body = R"({"op":"crater","x":0,"z":0,"radius":5,"depth":1})";
+  SocketClient client(server.port());
+  client.send("POST /v1/sessions/default/edits HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\nContent-Length: " +
+              std::to_string(body.size()) + "\r\n\r\n" + body);
+  EXPECT_TRUE(await([&] { return std::filesystem::exists(folder / "state/default.edits"); }));
+  server.process().signal(SIGTERM);
+  EXPECT_EQ(server.process().wait(kTimeout), 1);
+  EXPECT_THAT(server.process().output(), HasSubstr("error ends at once: 15 s after the drain, a disk or an answer still keeps it"));
 }
 
 }  // namespace
