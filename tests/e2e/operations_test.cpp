@@ -209,7 +209,7 @@ TEST(Operations, SaturationRisesAndFallsWithTheProcessor) {
       return now["ridgecast_saturation"] > 0.9 && now[withheld] > 0;
     })) << now["ridgecast_saturation"]
         << ", " << now[withheld];
-    EXPECT_EQ(now["ridgecast_saturation"], now["ridgecast_processor_usage"]);
+    EXPECT_NEAR(now["ridgecast_saturation"], now["ridgecast_processor_usage"], 0.1);  // a moment later
   }
   EXPECT_TRUE(await([&] {
     auto now = scrape(server.port());
@@ -243,7 +243,7 @@ TEST(Operations, TheAdminPortTakesNeitherTokenNorTls) {
 // One client asks for 10,000 sessions that are not there, and comes and goes 150 times; another asks once.
 TEST(Operations, AFloodOfRefusalsIsMergedInTheLogAndCounted) {
   constexpr int kConnections = 10, kEach = 1000, kVisits = 150;
-  ServerProcess server(RIDGECAST_SERVER, {"--log-format", "json"});
+  ServerProcess server(RIDGECAST_SERVER, {"--log-format", "json", "--log-level", "info"});
   for (int c = 0; c < kConnections; ++c) {
     SocketClient client(server.port());
     for (int k = 0; k < kEach; ++k) {
