@@ -48,8 +48,8 @@ class CameraMesh final : public triangulation::Partition {
   // The vertices: by leaf in canonical order, then those outside by their square of AdaptiveMesh::kOutsideLevel; in each ascending by x,
   // then z.
   std::vector<refinement::StoredVertex> vertices() const;
-  // A mesh that has selected no leaves yet becomes that of these leaves, in canonical order, and vertices, in the order of vertices(); select()
-  // goes on from it. False: no camera's mesh has these; then this one is of no use.
+  // A mesh that has selected no leaves yet becomes that of these leaves, in canonical order, and vertices, in the order of vertices();
+  // select() goes on from it. False: no camera's mesh has these; then this one is of no use.
   bool restore(const std::vector<lattice::LeafAddress>& leaves, std::span<const refinement::StoredVertex> vertices, scheduling::Pool& pool);
 
   // New ground, which differs within these areas.

@@ -38,9 +38,9 @@ class CameraSession final : public session::LiveCamera, public std::enable_share
 
   void groundChanged() override;
 
-  // The server leaves: iterations end, and the mesh goes to the server that the client finds next. `done` is called once it may be sent there,
-  // unless close() comes first. False: the mesh cannot go, and nothing changes. Where there is another server: free pacing, a client that
-  // follows points, and a session that is not recorded, since a replay makes its meshes from poses alone.
+  // The server leaves: iterations end, and the mesh goes to the server that the client finds next. `done` is called once it may be sent
+  // there, unless close() comes first. False: the mesh cannot go, and nothing changes. Where there is another server: free pacing, a client
+  // that follows points, and a session that is not recorded, since a replay makes its meshes from poses alone.
   bool handOver(std::function<void()> done);
 
   // A few milliseconds at a time, so that other cameras get their turns; at most kMaxCopies requests wait.

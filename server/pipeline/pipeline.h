@@ -56,8 +56,8 @@ class IteratingMesh {
   // Its state; nothing: it has none yet, or cannot be restored.
   virtual std::optional<MeshState> state() const { return {}; }
   // Before the first iteration: takes this state, whose heights are those of the terrain, or of one that the next setGround() differs from;
-  // leaves() are then those that had it. It goes on for this camera. Nothing: no mesh of these settings has such a state, and this one is as
-  // it was.
+  // leaves() are then those that had it. It goes on for this camera. Nothing: no mesh of these settings has such a state, and this one is
+  // as it was.
   virtual std::optional<settings::IterationStats> restore(const MeshState&, const camera::Camera&) { return {}; }
 
   // From the next iteration on. A new threshold, or a budget up to the one that the mesh was made for, keeps the mesh. A new metric, colour

@@ -34,8 +34,8 @@ class Quadtree {
   // Follows the camera; ground: height of the ground below it in metres. Returns whether any leaf came or went. A leaf that is new
   // has tag 0, and is to get one before the next call.
   bool follow(const camera::Pose& pose, double ground);
-  // An empty tree gets these leaves, in canonical order, as made(): those of a tree that followed some camera. False: there is no such tree,
-  // and this one is not to be used any more.
+  // An empty tree gets these leaves, in canonical order, as made(): those of a tree that followed some camera. False: there is no such
+  // tree, and this one is not to be used any more.
   bool restore(const std::vector<lattice::LeafAddress>& leaves);
   // By the last follow(): the leaves that came, in canonical order, and the tags of those that went, in any.
   const std::vector<lattice::LeafAddress>& made() const { return made_; }

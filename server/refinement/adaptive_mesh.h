@@ -96,8 +96,8 @@ class AdaptiveMesh {
   void drop(VertexId v);                                                             // fixed or not
   // Appends the region's vertices, ascending by x, then z. One region.
   void store(RegionId region, std::vector<StoredVertex>& out) const;
-  // Fills an empty mesh that has its regions; `fixed` has one for each vertex. What is not fixed is looked at by the next findWork(). False:
-  // they are all on one line, two are the same, or they are too many, too far away or out of range; then the mesh is of no use.
+  // Fills an empty mesh that has its regions; `fixed` has one for each vertex. What is not fixed is looked at by the next findWork().
+  // False: they are all on one line, two are the same, or they are too many, too far away or out of range; then the mesh is of no use.
   bool restore(std::span<const StoredVertex> vertices, const std::vector<bool>& fixed);
   // Snaps a vertex to the level of the region that holds it, where it is more than one level off.
   void snap(VertexId v);

@@ -13,8 +13,8 @@
 //        +--------------------+  +------------------+
 //               gone
 //
-// A client that follows points and holds other leaves than the mesh's when it resumes begins anew: all of them are gone, and all of the mesh's
-// come. With the first iteration it has seen all that it had, and points from nothing are fewer bytes than most leaves whole.
+// A client that follows points and holds other leaves than the mesh's when it resumes begins anew: all of them are gone, and all of the
+// mesh's come. With the first iteration it has seen all that it had, and points from nothing are fewer bytes than most leaves whole.
 //
 // Not thread-safe. Memory: about 48 bytes a leaf; a number and a hash for each unacknowledged iteration (at most `window`).
 

@@ -1,5 +1,5 @@
-// What a client that comes back costs, along the flights of the evaluation: a start from nothing, a resume at a server that knows nothing of
-// the camera, and one that has its checkpoint. Every mesh is compared by its hash.
+// What a client that comes back costs, along the flights of the evaluation: a start from nothing, a resume at a server that knows nothing
+// of the camera, and one that has its checkpoint. Every mesh is compared by its hash.
 #include <algorithm>
 #include <memory>
 #include <stdexcept>

@@ -1,5 +1,5 @@
-// Cameras in flight move from a server that drains to another one, with Redis between them: their meshes go with them, and only what changes is
-// sent (MEASURE=1: nobody waits for longer than 0.3 s).
+// Cameras in flight move from a server that drains to another one, with Redis between them: their meshes go with them, and only what
+// changes is sent (MEASURE=1: nobody waits for longer than 0.3 s).
 #include <gtest/gtest.h>
 
 #include <algorithm>

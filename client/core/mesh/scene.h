@@ -83,9 +83,9 @@ class Scene {
   // Received points do not fit those held: leaves made by points stay as last made, or are empty, until all come whole.
   bool lost() const { return lost_; }
 
-  // The connection was lost, and what is held stays: the next iteration is the first of a new connection. `unnamed`: the server is told only
-  // the hash of what is held, so that iteration says nothing of its leaves: all of them go before it is applied, unless it has that hash and
-  // brings none.
+  // The connection was lost, and what is held stays: the next iteration is the first of a new connection. `unnamed`: the server is told
+  // only the hash of what is held, so that iteration says nothing of its leaves: all of them go before it is applied, unless it has that
+  // hash and brings none.
   void reconnect(bool unnamed) {
     iteration_ = 0;
     unnamed_ = unnamed;
