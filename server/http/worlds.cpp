@@ -403,6 +403,10 @@ std::string sessionEntry(const session::Session& session) {
   const session::Presence::State state = session.presence().state();
   const wire::Clock& clock = state.clock;
   const session::Limits& limits = session.resources().limits;
+  const std::uint32_t server = session.resources().bus->server();  // the others tell of theirs
+  const auto isOwnSensor = [server](const wire::Member& member) {
+    return member.role == wire::Role::kSensor && (server == 0 || member.camera >> 32 == server);
+  };
   Json parameters = Json::object();
   for (const auto& [name, value] : session.spec().parameters) parameters[name] = value;
   Json entry{{"name", session.name()},
@@ -412,7 +416,7 @@ std::string sessionEntry(const session::Session& session) {
              {"content_hash", text::hexadecimal(session.contentHash())},
              {"step_bits", lattice::kStepBits},
              {"members", session.members()},
-             {"sensors", std::ranges::count(state.members, wire::Role::kSensor, &wire::Member::role)},
+             {"sensors", std::ranges::count_if(state.members, isOwnSensor)},
              {"max_members", limits.maxMembers},
              {"clock",
               {{"mode", nameOf(clock.mode)},
