@@ -36,7 +36,7 @@ asio::awaitable<std::string> getFile(const HttpsUrl& url, const std::string& aut
   if (away) co_return "no connection (" + away.message() + ")";
   const auto insecure = co_await asio::async_initiate<const asio::use_awaitable_t<>, void(std::optional<std::string>)>(
       [&](auto handler) {
-        channel.startTls(url.host, authorities,
+        channel.startTls(url.host, {authorities, "--jwt-key-ca"},
                          [own = std::make_shared<decltype(handler)>(std::move(handler))](std::optional<std::string> wrong) {
                            (*own)(std::move(wrong));
                          });

@@ -121,7 +121,12 @@ void serverSeeds() {
   write("server", framed<M>({world}));
   write("server", framed<M>({wire::ErrorMessage{wire::ErrorCode::kLimit, "too much"}}));
   const wire::Moved moved{7, {1, {}, {1, 2}}, 5};
-  write("server", framed<M>({wire::Members{{{7, wire::Role::kSensor, "seed", moved}, {8, wire::Role::kViewer, "", {}}}, {moved}, {9}, 12, {10}, wire::Crowd{1, {-1, 5}, {0, 7}, {3, 9}}}}));
+  write("server", framed<M>({wire::Members{{{7, wire::Role::kSensor, "seed", moved}, {8, wire::Role::kViewer, "", {}}},
+                                           {moved},
+                                           {9},
+                                           12,
+                                           {10},
+                                           wire::Crowd{1, {-1, 5}, {0, 7}, {3, 9}}}}));
   write("server", framed<M>({wire::Clock{wire::ClockMode::kStepped, 0, 5, 7, 1, {7, 8}, 2, "seed"}}));
   write("server", framed<M>({wire::EditAnswer{1, 2, ""},
                              wire::Edited{{{3, "address 1.2.3.4", "ann", R"({"edit":2,"op":"undo"})", {-256, 0, 256, 512}}}}}));

@@ -59,7 +59,8 @@ TEST(Schema, RowsAreCalledAndNumberedAsTheFields) {
 
 bool mayBeAbsent(const FieldDescriptor& field) {
   return field.containing_oneof() || field.full_name() == "ridgecast.v1.World.height_map" ||
-         field.full_name() == "ridgecast.v1.Member.moved" || field.full_name() == "ridgecast.v1.Members.crowd" || field.full_name() == "ridgecast.v1.Iteration.candidates";
+         field.full_name() == "ridgecast.v1.Member.moved" || field.full_name() == "ridgecast.v1.Members.crowd" ||
+         field.full_name() == "ridgecast.v1.Iteration.candidates";
 }
 
 // As this room writes what it has read: what stands below is all that it changes.
