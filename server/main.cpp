@@ -210,7 +210,7 @@ int serve(const config::Config& config, const sigset_t& signals, const BeginServ
   if (!site) return refuse(site.error().message);
   std::vector<http::Route> routes;
   if (*site)
-    routes.push_back(http::pageRoute(std::move(*site)));
+    routes.push_back(http::pageRoute(std::move(*site), config.net.reconnectUrl));
   else
     logging::info("the browser viewer is not beside this program; / says how to connect otherwise");
 

@@ -49,18 +49,39 @@ bool accepts(std::string_view header, std::string_view coding) {
   return false;
 }
 
-// Draco's decoder is WebAssembly. 'wasm-unsafe-eval' allows that, but not eval.
-constexpr char kPolicy[] =
-    "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; worker-src 'self'; style-src 'self'; img-src 'self' blob:; "
-    "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
+// ws://HOST:PORT or wss://HOST:PORT of a URL as clients read it (PROTOCOL.md, World and access); empty: it is none.
+std::string webSocketOrigin(std::string_view url) {
+  std::string_view scheme = "ws://", port = ":7070";
+  for (const auto& [begins, becomes, usual] : {std::array<std::string_view, 3>{"ws://", "ws://", ":80"},
+                                               {"http://", "ws://", ":80"},
+                                               {"wss://", "wss://", ":443"},
+                                               {"https://", "wss://", ":443"}})
+    if (access::sameIgnoringCase(url.substr(0, begins.size()), begins)) {
+      scheme = becomes, port = usual;
+      url.remove_prefix(begins.size());
+      break;
+    }
+  const std::string_view host = url.substr(0, url.find_first_of("/?#"));
+  if (host.empty() || !text::hasOnly(host, ".-_:[]")) return {};
+  const bool hasPort = host.rfind(':') != host.npos && host.rfind(':') > (host.rfind(']') == host.npos ? 0 : host.rfind(']'));
+  return std::string(scheme) + std::string(host) + (hasPort ? "" : std::string(port));
+}
 
-Answer answerOf(const File& file, const Request& request) {
+// Draco's decoder is WebAssembly. 'wasm-unsafe-eval' allows that, but not eval.
+std::string policyFor(const std::string& reconnectUrl) {
+  return "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; worker-src 'self'; style-src 'self'; img-src 'self' blob:; "
+         "connect-src 'self'" +
+         (reconnectUrl.empty() ? "" : " " + webSocketOrigin(reconnectUrl)) +
+         "; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
+}
+
+Answer answerOf(const File& file, const Request& request, const std::string& policy) {
   const Form form = formFor(file, request.acceptEncoding);
   Answer a;
   a.type = file.type;
   a.etag = form.encoding.empty() ? file.tag : file.tag + "-" + std::string(form.encoding);
   a.headers = {{"Vary", "Accept-Encoding"},
-               {"Content-Security-Policy", kPolicy},
+               {"Content-Security-Policy", policy},
                {"Cross-Origin-Opener-Policy", "same-origin"},
                {"Referrer-Policy", "no-referrer"}};
   if (file.immutable) a.headers.emplace_back("Cache-Control", "public, max-age=31536000, immutable");
@@ -138,12 +159,12 @@ Form formFor(const File& file, std::string_view acceptEncoding) {
   return {file.plain, {}};
 }
 
-Route pageRoute(std::shared_ptr<const Site> site) {
-  return [site = std::move(site)](const Request& request) -> std::optional<Reply> {
+Route pageRoute(std::shared_ptr<const Site> site, const std::string& reconnectUrl) {
+  return [site = std::move(site), policy = policyFor(reconnectUrl)](const Request& request) -> std::optional<Reply> {
     if (request.upgrade) return {};
     const File* file = site->find(request.path());
     if (!file) return {};
-    return request.reads() ? answerOf(*file, request) : wrongMethod();
+    return request.reads() ? answerOf(*file, request, policy) : wrongMethod();
   };
 }
 

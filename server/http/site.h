@@ -50,7 +50,8 @@ struct Form {
 };
 Form formFor(const File& file, std::string_view acceptEncoding);
 
-// Answers GET and HEAD for the site's files and leaves everything else to other routes. Any thread.
-Route pageRoute(std::shared_ptr<const Site> site);
+// Answers GET and HEAD for the site's files and leaves everything else to other routes. Any thread. `reconnectUrl`: of the server to which
+// the page may be sent (net::Settings); empty: none.
+Route pageRoute(std::shared_ptr<const Site> site, const std::string& reconnectUrl = {});
 
 }  // namespace ridgecast::http

@@ -1,8 +1,8 @@
 #pragma once
 // Where a session's members are: each by its number, the nearest to a place, and how many are where.
 //
-// Members lie in square cells of 256 m. The nearest are searched ring by ring of cells around the place, or in all cells if those are fewer:
-// with members anywhere up to the lattice's edge, all at one place or far apart, a search looks at each cell once.
+// Members lie in square cells of 256 m. The nearest are searched ring by ring of cells around the place, or in all cells if those are
+// fewer: with members anywhere up to the lattice's edge, all at one place or far apart, a search looks at each cell once.
 // Not thread-safe. Bounds: one entry a member, one cell a member at most.
 
 #include <array>

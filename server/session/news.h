@@ -5,8 +5,8 @@
 //   all of the nearest that have changed (kNear, or as many as the member wants), so that they are told as often as messages are sent;
 //   then, in passes that begin once a second, the others that the member knows by name, as far as the message's bytes go.
 //
-// Named are the kNamed nearest; one is named until it is not among the kFar nearest, so that few come and go. All that are not named are told
-// as counts (Crowd). A member that wants to know everybody (Hello.near is 0) has all named, at most kMaxNamed.
+// Named are the kNamed nearest; one is named until it is not among the kFar nearest, so that few come and go. All that are not named are
+// told as counts (Crowd). A member that wants to know everybody (Hello.near is 0) has all named, at most kMaxNamed.
 //
 // Not thread-safe. Bounds: about kFar entries, for a member that wants everybody kMaxNamed; one message's bytes beyond their measure by at
 // most one entry, but for the nearest.

@@ -40,16 +40,17 @@ inline lattice::Step stepsOf(double v) { return static_cast<lattice::Step>(std::
 
 class Client {
  public:
-  // Starts or restarts; what is held is resumed.
-  void start(const std::string& host, const std::string& name, double threshold, std::uint32_t random) {
+  // Starts or restarts; what is held is resumed. `server`: as core::parseUrl.
+  void start(const std::string& server, const std::string& name, double threshold, std::uint32_t random) {
     settings_.metric = wire::Metric::kPixels;
     settings_.threshold = threshold;
     wire::Hello hello{.clientName = name, .settings = settings_, .points = true, .members = true, .clock = true, .near = 24};
-    core::Url url;
-    url.host = host.substr(0, host.rfind(':'));
-    url.port = host.substr(host.rfind(':') + 1);
-    host_ = host;
-    line_.emplace(std::move(url), std::move(hello), core::Returns::kAlways, random);
+    const auto parsed = core::parseUrl(server);
+    server_ = parsed ? *parsed : core::Url{.host = server};
+    server_.token = "the page's";  // so that the line says where it may be shown
+    const auto scheme = server.find("://");
+    host_ = scheme == server.npos ? server : server.substr(scheme + 3);
+    line_.emplace(server_, std::move(hello), core::Returns::kAlways, random);
     line_->skipSteps(true);
     if (camera_) sendPose(0);
     hasEntered_ = false;
@@ -61,7 +62,7 @@ class Client {
   // Does what is due; milliseconds until the next call without an event, below 0: never.
   double step(double now) {
     if (!line_) return -1;
-    if (line_->dial(instantOf(now))) pageDial();
+    if (const auto to = line_->dial(instantOf(now))) dial(*to);
     while (const auto frame = line_ ? line_->next(instantOf(now)) : std::nullopt) pageSend(frame->data(), frame->size());
     const auto due = line_ ? line_->due() : std::nullopt;
     return due ? std::max(0.0, std::ceil(Milliseconds(*due - instantOf(now)).count())) : -1;
@@ -172,6 +173,11 @@ class Client {
  private:
   core::Conversation& conversation() { return line_->conversation(); }
   bool isConnected() { return line_ && hasEntered_ && !line_->lost(); }
+  void dial(const core::Url& to) {
+    const bool isElsewhere = to.host != server_.host || to.port != server_.port || to.secure != server_.secure;
+    const std::string origin = isElsewhere ? (to.secure ? "wss://" : "ws://") + to.where() : "";
+    pageDial(origin.data(), origin.size(), !to.token.empty());
+  }
   void hangUp(const std::string& why) { pageHangUp(why.data(), why.size()); }
   void change() {
     if (line_) line_->change(settings_);
@@ -399,9 +405,10 @@ class Client {
   std::uint32_t number_ = 0;                            // the page's, of the newest pose
   std::uint64_t sequence_ = 0;                          // the stream's
   std::deque<std::pair<std::uint64_t, double>> poses_;  // without an answer: their sequences, and when they were sent
-  std::string host_;
-  std::optional<core::Editing> editing_{editor()};  // never empty
-  std::string editingOf_;                           // which host and session
+  core::Url server_;                                    // of start()
+  std::string host_;                                    // what sentences call it
+  std::optional<core::Editing> editing_{editor()};      // never empty
+  std::string editingOf_;                               // which host and session
   core::ClockBar bar_;
   std::optional<std::uint64_t> contentHash_;  // of what is held
   core::Follower follower_;

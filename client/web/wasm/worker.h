@@ -19,7 +19,9 @@ struct Array {
 };
 static_assert(sizeof(Array) == 12);
 
-IMPORT(dial) void pageDial();                                      // opened() or closed() follow
+// At another place than start() named, SCHEME://HOST:PORT, or at that (empty); with its token, if there is one, or without. opened() or
+// closed() follow.
+IMPORT(dial) void pageDial(const char* elsewhere, std::size_t bytes, bool showsToken);
 IMPORT(send) void pageSend(const char* frame, std::size_t bytes);  // over the line
 IMPORT(hangUp) void pageHangUp(const char* why, std::size_t bytes);
 IMPORT(tell) void pageTell(const char* json, std::size_t bytes);  // FromEngine of src/messages.ts

@@ -102,7 +102,7 @@ async function hold(world: string, at: { x: number; z: number }): Promise<{ sour
   return new Promise((resolve, reject) => {
     let source = '', seed = 0;
     const core: Core = new Core(module, draco, {
-      dial: () => line.dial(),
+      dial: (elsewhere, showsToken) => line.dial(elsewhere, showsToken),
       send: (frame) => line.send(frame),
       hangUp: (why) => line.hangUp(why),
       tell: (message) => {

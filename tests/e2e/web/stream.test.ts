@@ -51,7 +51,7 @@ class Client {
   private heard = (): void => {};
   private poses = 0;
   readonly core = new Core(loaded.core, loaded.draco, {
-    dial: () => this.line.dial(),
+    dial: (elsewhere, showsToken) => this.line.dial(elsewhere, showsToken),
     send: (frame) => this.line.send(frame),
     hangUp: (why) => this.line.hangUp(why),
     tell: (message) => {

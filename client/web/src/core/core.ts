@@ -6,8 +6,8 @@ import type { DracoDecode } from './draco';
 
 /** What a core has others do. */
 export interface Owner {
-  /** Open a line: opened() or closed() follow. */
-  dial(): void;
+  /** Open a line, to the server of start() or to another (ws://HOST:PORT or wss://...), where the token may not be for all eyes: opened() or closed() follow. */
+  dial(elsewhere: string, showsToken: boolean): void;
   send(frame: Uint8Array): void;
   /** End the line, for this is what is wrong: closed() follows, later. */
   hangUp(why: string): void;
@@ -21,7 +21,7 @@ interface Functions {
   _initialize(): void;
   room(bytes: number): number;
   dracoRoom(numbers: number): number;
-  start(host: number, name: number, threshold: number, random: number): void;
+  start(server: number, name: number, threshold: number, random: number): void;
   stop(): void;
   step(now: number): number;
   opened(): void;
@@ -71,7 +71,7 @@ export class Core {
     owner: Owner,
   ) {
     const imports: WebAssembly.ModuleImports = {
-      dial: () => owner.dial(),
+      dial: (at: number, bytes: number, showsToken: number) => owner.dial(text(this.bytes(at, bytes)), showsToken !== 0),
       send: (at: number, bytes: number) => owner.send(this.bytes(at, bytes).slice()),
       hangUp: (at: number, bytes: number) => owner.hangUp(text(this.bytes(at, bytes))),
       tell: (at: number, bytes: number) => owner.tell(JSON.parse(text(this.bytes(at, bytes))) as FromEngine),
@@ -85,9 +85,9 @@ export class Core {
     this.wasm._initialize();
   }
 
-  /** Begins, or begins anew; what is held is resumed. `host`: what sentences call the server. */
-  start(host: string, name: string, threshold: number): void {
-    const sizes = this.give(host, name);
+  /** Begins, or begins anew; what is held is resumed. `server`: HOST:PORT, with ws:// or wss:// in front where it matters. */
+  start(server: string, name: string, threshold: number): void {
+    const sizes = this.give(server, name);
     this.wasm.start(sizes[0]!, sizes[1]!, threshold, Math.random() * 2 ** 32);
   }
   stop(): void {

@@ -93,15 +93,15 @@ export class Engine {
       this.parts = undefined;
       return this.tell({ kind: 'lost', sentence: `The page could not load its parts: ${error instanceof Error ? error.message : error}. Reload it.`, final: true, wantsToken: false });
     }
-    const { url, token, name, threshold } = message, { host, searchParams } = new URL(url);
+    const { url, token, name, threshold } = message, { origin, pathname, search, searchParams } = new URL(url);
     this.line = new Line(this.core!, {
       // A page cannot set headers of a WebSocket: a token travels as a subprotocol.
-      open: () => new WebSocket(url, token ? ['ridgecast.v1', `bearer.${token}`] : []) as unknown as Socket,
+      open: (elsewhere, showsToken) => new WebSocket((elsewhere || origin) + pathname + search, token && showsToken ? ['ridgecast.v1', `bearer.${token}`] : []) as unknown as Socket,
       onLost: (loss) => this.tell({ kind: 'lost', ...loss }),
       explain: () => explain(url, token),
       ...(searchParams.has('terrain') ? { timeout: MAKING_TIMEOUT } : {}),
     });
-    this.say((core) => core.start(host, name, threshold));
+    this.say((core) => core.start(origin, name, threshold));
   }
   private stop(): void {
     this.line?.close();
@@ -116,7 +116,7 @@ export class Engine {
     const { draco, core: module } = await this.load();
     if (this.core) return;
     const core = (this.core = new Core(module, draco, {
-      dial: () => this.line?.dial(),
+      dial: (elsewhere, showsToken) => this.line?.dial(elsewhere, showsToken),
       send: (frame) => this.line?.send(frame),
       hangUp: (why) => this.line?.hangUp(why),
       tell: (message) => this.tell(message.kind === 'figures' ? this.timed(message) : message),

@@ -18,7 +18,8 @@ export interface Socket {
 }
 
 export interface Options {
-  open: () => Socket;
+  /** `elsewhere`: the origin of another server than the one named at first (ws://HOST:PORT); empty: that one. */
+  open: (elsewhere: string, showsToken: boolean) => Socket;
   onLost: (loss: Loss) => void;
   /** More where the server may have to compile the world first. */
   timeout?: number;
@@ -33,6 +34,7 @@ export class Line {
   private socket: Socket | undefined;
   private timer: ReturnType<typeof setTimeout> | undefined;
   private watchdog: ReturnType<typeof setTimeout> | undefined;
+  private elsewhere = '';
   private over = false;
 
   constructor(
@@ -57,11 +59,13 @@ export class Line {
 
   // ---- what the core asks for ----
 
-  dial(): void {
+  dial(elsewhere: string, showsToken: boolean): void {
+    this.elsewhere = elsewhere;
     let socket: Socket;
     try {
-      socket = this.options.open();
+      socket = this.options.open(elsewhere, showsToken);
     } catch (error) {
+      if (elsewhere) return queueMicrotask(() => void this.lost(String(error))); // back to the first one
       this.close();
       return this.options.onLost({ sentence: asSentence(String(error)), final: true, wantsToken: false });
     }
@@ -101,7 +105,7 @@ export class Line {
 
   private async lost(why: string): Promise<void> {
     this.forget();
-    const loss = why ? { sentence: asSentence(why), final: false, wantsToken: false } : ((await this.options.explain?.()) ?? { sentence: 'The server cannot be reached.', final: false, wantsToken: false });
+    const loss = why ? { sentence: asSentence(why), final: false, wantsToken: false } : ((await (this.elsewhere ? undefined : this.options.explain?.())) ?? { sentence: 'The server cannot be reached.', final: false, wantsToken: false });
     if (this.over) return;
     this.core.closed(loss.sentence);
     const final = loss.final || !this.core.comesBack;

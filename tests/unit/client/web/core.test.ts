@@ -7,7 +7,7 @@ import { readFileSync } from 'node:fs';
 import { join } from 'node:path';
 import { test } from 'node:test';
 import { Core } from '../../../../client/web/src/core/core';
-import { ClientMessageSchema, ClockSchema, ServerMessageSchema } from '../../../../client/web/src/generated/ridgecast/v1/stream_pb';
+import { ClientMessageSchema, ClockSchema, Error_Code, ServerMessageSchema } from '../../../../client/web/src/generated/ridgecast/v1/stream_pb';
 import { type Act, type Camera, type FromEngine, TOOLS, type ToPainterFromEngine, type Touched } from '../../../../client/web/src/messages';
 import type { Pose } from '../../../../client/web/src/render/view';
 import { pathOf, towards } from '../../../../client/web/src/ui/outline';
@@ -15,6 +15,7 @@ import { Copy, hashLeaf, hashTerm, hashVertex, mix, parts } from '../../../suppo
 
 const file = (name: string): Buffer => readFileSync(join(process.env['RIDGECAST_SOURCE']!, 'proto', name));
 const loaded = await parts();
+const bytes = (text: string): Uint8Array<ArrayBuffer> => new TextEncoder().encode(text);
 const textOf = (bytes: Uint8Array): string => new TextDecoder().decode(bytes);
 
 function frames(): Uint8Array[] {
@@ -36,10 +37,10 @@ class Held {
   readonly told: FromEngine[] = [];
   readonly painted: ToPainterFromEngine[] = [];
   readonly sent: Uint8Array[] = [];
-  dialled = 0;
+  readonly dialled: [string, boolean][] = []; // where, and whether with the token
   wrong = '';
   readonly core = new Core(loaded.core, loaded.draco, {
-    dial: () => ++this.dialled,
+    dial: (elsewhere, showsToken) => this.dialled.push([elsewhere, showsToken]),
     send: (frame) => this.sent.push(frame),
     hangUp: (why) => (this.wrong = why),
     tell: (message) => this.told.push(message),
@@ -49,8 +50,8 @@ class Held {
     },
   });
 
-  constructor() {
-    this.core.start('here:7070', 'a test', 1);
+  constructor(server = 'here:7070') {
+    this.core.start(server, 'a test', 1);
     this.core.step();
     this.core.opened();
   }
@@ -204,13 +205,35 @@ test('frames that are none end the line in a sentence, and what was held is resu
     assert.equal(held.core.comesBack, true);
     held.core.hurry();
     held.core.step();
-    assert.equal(held.dialled, 2);
+    assert.deepEqual(held.dialled, [['', true], ['', true]]);
     held.core.opened();
     const { length } = held.sent;
     held.hear(world!);
     if (at > 1 && held.copy.leaves.size > 0) assert.ok(held.sent.length > length, 'what is held is named');
   }
   assert.ok(refused > 50 && wrong > 50, `${refused} refused, ${wrong} with another hash`);
+});
+
+test('a server that leaves says where to go: there, without the token of this one, and back', () => {
+  const dials = (server: string, reconnectUrl: string): [string, boolean][] => {
+    const held = new Held(server);
+    held.hear(frames()[0]!);
+    held.core.heard(toBinary(ServerMessageSchema, create(ServerMessageSchema, { kind: { case: 'error', value: { code: Error_Code.GOING_AWAY, message: bytes('Bye.'), reconnectUrl: bytes(reconnectUrl) } } })));
+    for (let k = 0; k < 2; ++k) {
+      held.core.closed('it has left'); // the second one is not there
+      held.core.hurry();
+      held.core.step();
+    }
+    return held.dialled.slice(1);
+  };
+  const back: [string, boolean] = ['', true];
+  assert.deepEqual(dials('wss://here:7070', 'wss://there:7071/path?session=other'), [['wss://there:7071', false], back]);
+  assert.deepEqual(dials('wss://here', 'https://there'), [['wss://there:443', false], back]);
+  assert.deepEqual(dials('ws://here:7070', 'ws://here:7071'), [['ws://here:7071', true], back], 'the same host');
+  assert.deepEqual(dials('ws://here:7070', 'ws://[::1]:7071'), [['ws://[::1]:7071', false], back]);
+  assert.deepEqual(dials('wss://here:7070', 'ws://there:7071'), [back, back], 'what was encrypted stays so');
+  assert.deepEqual(dials('ws://here:7070', 'javascript:alert(1)'), [back, back]);
+  assert.deepEqual(dials('ws://here:7070', ''), [back, back]);
 });
 
 test('a server of another version is not asked again', () => {

@@ -111,6 +111,24 @@ class SiteRoutesTest : public SiteTest {
   std::vector<Route> routes;
 };
 
+TEST_F(SiteRoutesTest, ThePageMayGoWhereALeavingServerSendsIt) {
+  const auto allowed = [&](const std::string& url) {
+    routes = {pageRoute(load(), url)};
+    const std::string policy = header(get("/"), "Content-Security-Policy"), begin = "connect-src 'self'";
+    const auto at = policy.find(begin) + begin.size();
+    return policy.substr(at, policy.find(';', at) - at);
+  };
+  EXPECT_EQ(allowed(""), "");
+  EXPECT_EQ(allowed("wss://b.example"), " wss://b.example:443");
+  EXPECT_EQ(allowed("https://b.example:7071/?session=x"), " wss://b.example:7071");
+  EXPECT_EQ(allowed("HTTP://b.example"), " ws://b.example:80");
+  EXPECT_EQ(allowed("b.example"), " ws://b.example:7070");
+  EXPECT_EQ(allowed("ws://[::1]"), " ws://[::1]:80");
+  EXPECT_EQ(allowed("ws://[::1]:9"), " ws://[::1]:9");
+  for (const char* wrong : {"ws://", "ws://a b", "ws://b.example; script-src *", "'unsafe-inline'"})
+    EXPECT_EQ(allowed(wrong), " ") << wrong;
+}
+
 TEST_F(SiteRoutesTest, ServesThePageWithItsHeaders) {
   const auto page = get("/?x=1", "gzip, br");
   EXPECT_EQ(page.status, 200u);
@@ -119,6 +137,7 @@ TEST_F(SiteRoutesTest, ServesThePageWithItsHeaders) {
   EXPECT_THAT(header(page, "Content-Security-Policy"),
               testing::AllOf(HasSubstr("default-src 'none'"), HasSubstr("script-src 'self' 'wasm-unsafe-eval'")));
   EXPECT_THAT(header(page, "Content-Security-Policy"), testing::Not(HasSubstr("unsafe-inline")));
+  EXPECT_THAT(header(page, "Content-Security-Policy"), HasSubstr("connect-src 'self';"));
   const auto script = get("/assets/a-1.js", "gzip, br");
   EXPECT_EQ(script.body, "zipped");
   EXPECT_EQ(header(script, "Content-Encoding"), "gzip");
