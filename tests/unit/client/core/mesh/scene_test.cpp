@@ -116,7 +116,7 @@ TEST(Scene, KeepsWhatItHoldsForAnotherConnection) {
   it = f.next();
   f.set(it, {0, 2, 0}, 4);
   EXPECT_FALSE(f.scene.apply(it)) << "a number that does not follow";
-  f.scene.reconnect();
+  f.scene.reconnect(false);
   const auto held = f.scene.held();
   ASSERT_EQ(held.size(), 4u);
   for (const wire::HeldLeaf& leaf : held) EXPECT_EQ(leaf.hash, f.scene.leaves().at(leaf.address).hash);
