@@ -228,7 +228,7 @@ test('steps do not wait for a page, and one that is passed over is told', async 
   const step = (): void => send({ case: 'step', value: { $typeName: 'ridgecast.v1.Step', time: 1000n, wait: true } });
   await new Promise<void>((resolve, reject) => {
     socket.onopen = () => {
-      send({ case: 'hello', value: { $typeName: 'ridgecast.v1.Hello', protocolVersion: 1, clientName: new Uint8Array(), pacing: 0, points: true, role: 1, members: false, clock: true, errors: false, edits: false, editsAfter: 0n } });
+      send({ case: 'hello', value: { $typeName: 'ridgecast.v1.Hello', protocolVersion: 1, clientName: new Uint8Array(), pacing: 0, points: true, role: 1, members: false, clock: true, errors: false, edits: false, editsAfter: 0n, near: 0, states: false, placesOnly: false } });
     };
     socket.onclose = ({ reason }) => reject(new Error(reason));
     socket.onmessage = ({ data }) => {

@@ -21,7 +21,7 @@ export async function record(url: string, cameras: Camera[], threshold: number):
   const socket = new NodeSocket(`${url}/v1/stream`);
   const send = (kind: NonNullable<Parameters<typeof create<typeof ClientMessageSchema>>[1]>['kind']): void => socket.send(toBinary(ClientMessageSchema, create(ClientMessageSchema, { kind })));
   return new Promise((resolve, reject) => {
-    socket.onopen = () => send({ case: 'hello', value: { $typeName: 'ridgecast.v1.Hello', protocolVersion: 1, clientName: new Uint8Array(), pacing: Pacing.LOCKSTEP, points: true, role: 0, members: false, clock: false, errors: false, edits: false, editsAfter: 0n, settings: { $typeName: 'ridgecast.v1.Settings', metric: 0, threshold, triangleBudget: 0, bytesPerSecond: 0n, candidates: 0, colourError: 0 } } });
+    socket.onopen = () => send({ case: 'hello', value: { $typeName: 'ridgecast.v1.Hello', protocolVersion: 1, clientName: new Uint8Array(), pacing: Pacing.LOCKSTEP, points: true, role: 0, members: false, clock: false, errors: false, edits: false, editsAfter: 0n, near: 0, states: false, placesOnly: false, settings: { $typeName: 'ridgecast.v1.Settings', metric: 0, threshold, triangleBudget: 0, bytesPerSecond: 0n, candidates: 0, colourError: 0 } } });
     socket.onclose = ({ reason }) => reject(new Error(`the recording ended: ${reason}`));
     socket.onmessage = ({ data }) => {
       const bytes = new Uint8Array(data as ArrayBuffer), { kind } = fromBinary(ServerMessageSchema, bytes);
