@@ -109,7 +109,7 @@ class Directory : public std::enable_shared_from_this<Directory> {
   };
   // Tells and hears from now on, if there is a bus.
   void join(Host host);
-  ServerStatus self() const;  // without sessions
+  ServerStatus self() const;  // without sessions; after join()
   // The other servers, as of a second ago.
   std::shared_ptr<const std::vector<ServerStatus>> others() const;
   // Whose session of this name is on another server; null: none is. As of a second ago.

@@ -97,7 +97,10 @@ void Directory::tick() {
   }
 }
 
-ServerStatus Directory::self() const { return {resources_->bus->server(), host_.url, cameras(), triangles(), host_.load(), {}}; }
+ServerStatus Directory::self() const {
+  expects(host_.load != nullptr, "a server tells of itself once it has joined the others");
+  return {resources_->bus->server(), host_.url, cameras(), triangles(), host_.load(), {}};
+}
 
 void Directory::tellOfItself() {
   ServerStatus status = self();

