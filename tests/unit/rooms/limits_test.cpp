@@ -21,6 +21,7 @@ const std::map<std::string, std::vector<std::string>> kTests{
     {"`max-connections`, ", {"ConnectionsAndCamerasAreBounded", "ConnectionsOfOneAddressAndOfThoseBehindAProxy"}},
     {"`max-header-bytes`", {"RefusesWhatIsNoHttp"}},
     {"`max-cameras`, ", {"PlacesAreBoundedAndGivenBack", "ThereAreOnlySoManyAndIdleOnesEnd"}},
+    {"`max-members`", {"PlacesAreBoundedAndGivenBack", "MembersCountAndAreSentAwayOverAllServers"}},
     {"`max-total-triangles`", {"CamerasAreGrantedWhatIsLeftOfAllTriangles", "EverybodyFliesOnASmallServerAndTheNextIsRefused"}},
     {"`max-triangles`", {"HelloIsAnsweredWithTheWorldAndWhatWasGranted"}},
     {"memory runs out", {"WhatRunsOutEndsCamerasAndNotTheServer"}},
