@@ -58,7 +58,8 @@ TEST(Operations, FiguresUnderLoadAreThereAndSane) {
                     refused = answers + "\"/v1/stream\",status=\"404\"}";
   EXPECT_TRUE(testing_support::await([&] {
     now = scrape(server.port());
-    return now["ridgecast_sent_bytes_total"] >= received && now[scrapes] >= 1 && now[refused] >= 1;
+    return now["ridgecast_sent_bytes_total"] >= received && now[scrapes] >= 1 && now[refused] >= 1 &&
+           now["ridgecast_delivery_seconds_count"] >= static_cast<double>(iterations);
   }));
   EXPECT_EQ(now["ridgecast_cameras"], 2);
   EXPECT_EQ(now["ridgecast_streams"], 2);
