@@ -83,4 +83,10 @@ Outcome<std::optional<std::uint64_t>> EditCopy::numberOf(const std::string& key)
   return store_ ? store_->numberOf(key) : std::optional<std::uint64_t>();
 }
 
+Outcome<std::string> EditCopy::copy(std::size_t most) {
+  const std::lock_guard lock(mutex_);
+  if (!behind_.empty()) return Error{"This server has not stored the last edits yet; ask again in a moment."};
+  return store_ ? store_->copy(most) : Store::copy(most);
+}
+
 }  // namespace ridgecast::session

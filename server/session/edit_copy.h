@@ -36,6 +36,8 @@ class EditCopy final : public edit_store::Store {
   Outcome<void> append(std::span<const edit_store::Applied> edits, const edit_store::Change& change) override;
   Outcome<std::vector<edit_store::Applied>> read(std::uint64_t after, std::size_t most) override;
   Outcome<std::optional<std::uint64_t>> numberOf(const std::string& key) override;
+  // Error: also while it is behind.
+  Outcome<std::string> copy(std::size_t most) override;
 
  private:
   Outcome<void> store(const edit_store::Change& change);  // under the lock, as all below

@@ -52,6 +52,7 @@ class MeasuredStore final : public edit_store::Store {
   }
   Outcome<std::vector<edit_store::Applied>> read(std::uint64_t after, std::size_t most) override { return store_->read(after, most); }
   Outcome<std::optional<std::uint64_t>> numberOf(const std::string& key) override { return store_->numberOf(key); }
+  Outcome<std::string> copy(std::size_t most) override { return store_->copy(most); }
 
  private:
   const std::unique_ptr<edit_store::Store> store_;

@@ -154,6 +154,7 @@ TEST_F(Balance, NewStreamsGoToTheServerWithTheFewest) {
   ASSERT_TRUE(await([&] { return get(servers[0]->port(), "/readyz").starts_with("HTTP/1.1 503"); }));
   hold(5);  // also those that come before HAProxy knows
   EXPECT_TRUE(await([&] { return cameras(0) == 0 && cameras(1) == 10; })) << cameras(0) << " and " << cameras(1);
+  ASSERT_TRUE(await([&] { return balancer->output().find("Server servers/a is DOWN") != std::string::npos; }));
   servers[0]->process().signal(SIGUSR2);
   ASSERT_TRUE(await([&] { return balancer->output().find("Server servers/a is UP") != std::string::npos; }));
   hold(6);
