@@ -233,9 +233,9 @@ struct Member {
 
 // How many members are where, all of the session that have a place.
 struct Crowd {
-  std::uint32_t level = 0;              // a cell's side: 256 m x 2^level
-  std::vector<std::int64_t> i{}, j{};   // the cell's least x and z in sides
-  std::vector<std::uint32_t> count{};   // of that cell; as many as i and j
+  std::uint32_t level = 0;             // a cell's side: 256 m x 2^level
+  std::vector<std::int64_t> i{}, j{};  // the cell's least x and z in sides
+  std::vector<std::uint32_t> count{};  // of that cell; as many as i and j
   friend bool operator==(const Crowd&, const Crowd&) = default;
 };
 
@@ -244,9 +244,9 @@ struct Members {
   std::vector<Member> joined{};
   std::vector<Moved> moved{};
   std::vector<std::uint64_t> left{};
-  std::uint32_t others = 0;             // with Hello::near: in the session now, named here or not
-  std::vector<std::uint64_t> faded{};   // still there, but not named any longer
-  std::optional<Crowd> crowd{};         // replaces the last one
+  std::uint32_t others = 0;            // with Hello::near: in the session now, named here or not
+  std::vector<std::uint64_t> faded{};  // still there, but not named any longer
+  std::optional<Crowd> crowd{};        // replaces the last one
 };
 
 struct Clock {

@@ -44,7 +44,8 @@ class RequestFilter {
   // Reads the tokens, also again later. On an error the old ones stay. An issuer whose keys cannot be fetched is an error the first time;
   // later its keys stay, and the log says so. `withdrawn`: gains the hashes of the tokens that the file has no longer. `changed` is called,
   // by another thread, when the issuer's keys have changed by themselves.
-  std::optional<Error> load(std::vector<std::string>* withdrawn = nullptr, const std::function<void()>& changed = [] {});
+  std::optional<Error> load(
+      std::vector<std::string>* withdrawn = nullptr, const std::function<void()>& changed = [] {});
   // Refuses these until load().
   void withdraw(const std::vector<std::string>& hashes);
   bool requiresTokens() const { return !settings_.tokens.empty(); }

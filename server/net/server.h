@@ -69,7 +69,7 @@ struct Settings : http::Access {                 // host: the address to listen 
   std::size_t maxAnswerBytes = std::size_t{1} << 30;
   std::chrono::milliseconds drainDelay{0};  // between /readyz's 503 and the drain at shutdown: balancers lag
   std::chrono::milliseconds drain{5'000};
-  std::string url;  // of this server alone, for people and other servers; empty: that of the port
+  std::string url;           // of this server alone, for people and other servers; empty: that of the port
   std::string reconnectUrl;  // sent to clients when the server leaves; empty: the same address
 };
 
