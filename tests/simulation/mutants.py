@@ -63,7 +63,7 @@ MUTANTS = [
      "    if (std::exchange(runs_, true)) return true;\n",
      "    if (std::exchange(runs_, true)) return true;\n    if (*open_ > 2) return true;\n"),
     ("server/session/camera_quota.cpp", "  --quota_->cameras_;\n", ""),
-    ("client/core/mesh/follower.cpp", "  scene_.reconnect();\n", ""),
+    ("client/core/mesh/follower.cpp", "  scene_.reconnect(unnamed);\n", ""),
     ("client/core/mesh/scene.cpp", "iteration_.number == 1 || !iteration_.whole.empty()", "!iteration_.whole.empty()"),
     ("client/core/mesh/point_mesh.cpp",
      "  if (!replaceLeaves(step)) return false;\n  open_.clear();\n",
