@@ -140,6 +140,7 @@ std::shared_ptr<session::Session> Directory::remove(std::string_view name) {
     const auto it = sessions_.find(name);
     if (it == sessions_.end() || name == kDefaultName) return nullptr;
     kept = it->second;
+    kept.session->clock().end();
     take(it);
   }
   if (isShared()) worlds_->end(kept.session->name(), kept.world.id, kept.epoch);

@@ -160,6 +160,7 @@ void Directory::hearOfEnded() {
         const auto it = self->sessions_.find(name);
         if (it == self->sessions_.end() || it->second.world.id != id) continue;
         over.push_back(it->second);
+        it->second.session->clock().end();
         self->take(it);
       }
     }

@@ -183,7 +183,7 @@ bool Session::end() {
 void Session::retire() {
   isRetired_ = true;
   edits_->end();
-  clock_->end();
+  clock_->leave();
 }
 
 }  // namespace ridgecast::session

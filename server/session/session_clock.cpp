@@ -237,10 +237,10 @@ void SessionClock::share(std::shared_ptr<bus::Bus> bus, std::string key) {
   setTick();
 }
 
-void SessionClock::end() {
+void SessionClock::end(bool forgets) {
   Lock lock(mutex_);
   if (!shared_ || isOver_.exchange(true)) return;
-  const bool isLast = shared_->leadsAlone();
+  const bool isLast = forgets && shared_->leadsAlone();
   const std::uint64_t epoch = shared_->epoch();
   shared_->end();
   const SharedClock::News last = shared_->takeNews();

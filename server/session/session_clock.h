@@ -53,7 +53,9 @@ class SessionClock : public std::enable_shared_from_this<SessionClock> {
   // From now on it is one clock with those of other servers that share this key. Before anybody joins; once, if at all.
   void share(std::shared_ptr<bus::Bus> bus, std::string key);
   // The session is over: if no other server has it, the engine forgets the clock.
-  void end();
+  void end() { end(true); }
+  // This server has the session no longer. The engine keeps the clock, for the next one.
+  void leave() { end(false); }
 
   // The session is a recording: its clock has this time, mode, rate and end. `goBack` is called with the time, in microseconds, that its
   // owner wants to go back to; it does not call back.
@@ -89,6 +91,7 @@ class SessionClock : public std::enable_shared_from_this<SessionClock> {
 
   using Lock = std::unique_lock<std::mutex>;
 
+  void end(bool forgets);
   bool refuses(Entry& entry);  // the engine is away, and the member is told; under the lock, as all below
   wire::Clock now() const;
   void changed();

@@ -375,6 +375,9 @@ class Stepped:
         except rc.Refused as e:
             self.refusals[str(e)[:120]] += 1
             over.wait(0.1)
+        except rc.Lost:  # whether it was done nobody can wait for; the next one is another
+            self._owes = False
+            raise
         self._owes = False
         over.wait(0.02)
 

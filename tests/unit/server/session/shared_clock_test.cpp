@@ -310,6 +310,12 @@ TEST(SharedClock, OutlivesAllItsServers) {
   EXPECT_EQ(s.servers[0].clock->time(), 5000u);
   EXPECT_EQ(s.servers[0].clock->state().step, 5u);
   EXPECT_EQ(s.servers[0].clock->state().owner, 0u) << "its members left";
+  s.servers[0].clock->leave();
+  s.advance(0s);
+  s.servers.clear();
+  s.start();
+  s.advance(10s);
+  EXPECT_EQ(s.servers[0].clock->state().step, 5u) << "the server left, and the session was not over";
   s.servers[0].clock->end();
   s.advance(0s);
   s.servers.clear();
