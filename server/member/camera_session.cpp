@@ -118,7 +118,7 @@ CameraSession::CameraSession(std::shared_ptr<session::Session> session, session:
       membership_(std::move(membership)),
       id_(id),
       sender_(std::move(sender)),
-      pool_(session_->resources().executor->makePool()),
+      pool_(session_->resources().executor->makePool(0, membership_.client)),
       conversation_(termsOf(*session_, membership_)),
       figures_(session_->resources().figures, *session_->resources().timer) {
   expects(sender_ && membership_.quota && id_ != 0, "a camera is a member with a number, and a way to its client");

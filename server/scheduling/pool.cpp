@@ -3,8 +3,11 @@
 #include <algorithm>
 #include <chrono>
 #include <deque>
+#include <iterator>
 #include <mutex>
+#include <string>
 #include <thread>
+#include <unordered_map>
 #include <unordered_set>
 #include <utility>
 
@@ -29,11 +32,18 @@ constexpr std::chrono::nanoseconds kLong = std::chrono::milliseconds(10), kShort
 
 }  // namespace
 
+// A client's pools that have work and room, served in turn. Under the executor's lock.
+struct Pool::Row {
+  std::string client;
+  std::deque<std::shared_ptr<Impl>> ready;
+};
+
 struct Pool::Impl : std::enable_shared_from_this<Pool::Impl> {
   std::shared_ptr<Executor::State> executor;
   unsigned limit = 1;
 
   // Under the executor's lock.
+  std::shared_ptr<Row> row;
   std::deque<std::function<void()>> posted;
   std::vector<Region*> regions;  // innermost last
   unsigned inFlight = 0;
@@ -57,13 +67,14 @@ struct Pool::Impl : std::enable_shared_from_this<Pool::Impl> {
 struct Executor::State {
   Mutex mutex;
   Condition work;
-  std::deque<std::shared_ptr<Pool::Impl>> ready;  // pools with work and room, served in turn
-  Atomic<std::size_t> waiting{0};                 // ready.size()
-  unsigned longTasks = 0;                         // in flight
-  unsigned inFlight = 0;                          // of all pools, without what runs outside this executor's threads
-  Usage usage;                                    // of inFlight
-  Condition shortWork;                            // of the thread for short tasks
+  std::deque<Pool::Row*> ready;    // those with a pool, served in turn
+  Atomic<std::size_t> waiting{0};  // pools in all rows
+  unsigned longTasks = 0;          // in flight
+  unsigned inFlight = 0;           // of all pools, without what runs outside this executor's threads
+  Usage usage;                     // of inFlight
+  Condition shortWork;             // of the thread for short tasks
   std::unordered_set<Pool::Impl*> pools;
+  std::unordered_map<std::string, std::weak_ptr<Pool::Row>> rows;  // of clients with a name
   unsigned idle = 0;
   bool roused = false;  // one is to wake without there being work yet
   bool stop = false;
@@ -80,8 +91,9 @@ struct Executor::State {
     if (!stop && !pool.queued && pool.inFlight < pool.limit && (!pool.posted.empty() || pool.regionThatWantsHelp())) {
       pool.queued = true;
       pool.noteChange();
-      ready.push_back(pool.shared_from_this());
-      waiting = ready.size();
+      if (pool.row->ready.empty()) ready.push_back(pool.row.get());
+      pool.row->ready.push_back(pool.shared_from_this());
+      ++waiting;
       for (std::size_t k = std::min<std::size_t>(takers, idle); k > 0; --k) work.notify_one();
     }
     if (longTasks >= threads && pool.queued && pool.hasShortTask()) shortWork.notify_one();  // it may have been queued for a loop
@@ -89,12 +101,19 @@ struct Executor::State {
   // The next pool that waits, or the next with a short task while all threads are at long ones. Null: there is none.
   std::shared_ptr<Pool::Impl> take(bool isForShortTasks) {
     if (isForShortTasks && longTasks < threads) return nullptr;
-    const auto next = isForShortTasks ? std::ranges::find_if(ready, [](const auto& pool) { return pool->hasShortTask(); }) : ready.begin();
-    if (next == ready.end()) return nullptr;
-    std::shared_ptr<Pool::Impl> pool = std::move(*next);
-    ready.erase(next);
-    waiting = ready.size();
-    return pool;
+    const auto isNext = [&](const auto& pool) { return !isForShortTasks || pool->hasShortTask(); };
+    for (auto row = ready.begin(); row != ready.end(); ++row) {
+      auto& inTurn = (*row)->ready;
+      const auto next = std::ranges::find_if(inTurn, isNext);
+      if (next == inTurn.end()) continue;
+      std::shared_ptr<Pool::Impl> pool = std::move(*next);
+      inTurn.erase(next);
+      ready.erase(row);
+      if (!inTurn.empty()) ready.push_back(pool->row.get());
+      --waiting;
+      return pool;
+    }
+    return nullptr;
   }
   void serve();
   void serveShortTasks();
@@ -119,6 +138,7 @@ struct WorkingFor {
 Pool::Impl::~Impl() {
   const std::lock_guard lock(executor->mutex);
   executor->pools.erase(this);
+  if (row.use_count() == 1) executor->rows.erase(row->client);
 }
 
 // The task, too, is destroyed without the lock: what it captured may be the last owner of anything.
@@ -248,7 +268,7 @@ Executor::~Executor() {
   {
     const std::lock_guard lock(state_->mutex);
     for (Pool::Impl* pool : state_->pools) dropped.push_back(std::exchange(pool->posted, {}));
-    released.swap(state_->ready);
+    for (Pool::Row* row : std::exchange(state_->ready, {})) std::ranges::move(std::exchange(row->ready, {}), std::back_inserter(released));
   }
 }
 
@@ -266,13 +286,16 @@ std::size_t Executor::queued() const {
   return sum;
 }
 
-std::shared_ptr<Pool> Executor::makePool(unsigned limit) {
+std::shared_ptr<Pool> Executor::makePool(unsigned limit, const std::string& client) {
   auto impl = std::make_shared<Pool::Impl>();
   impl->executor = state_;
   impl->limit = std::min(limit ? limit : 4u, state_->threads);
   {
     const std::lock_guard lock(state_->mutex);
     state_->pools.insert(impl.get());
+    if (!client.empty()) impl->row = state_->rows[client].lock();
+    if (!impl->row) impl->row = std::make_shared<Pool::Row>(client);
+    if (!client.empty()) state_->rows[client] = impl->row;
   }
   return std::shared_ptr<Pool>(new Pool(std::move(impl)));
 }

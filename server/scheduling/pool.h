@@ -2,14 +2,15 @@
 // A logical worker pool for each camera over the threads of an executor.
 //
 // An Executor owns the threads. A Pool is one camera's share: its own queue, and at most `limit` of its tasks in flight at any time.
-// Pools that have work are served round robin, one batch each, so that a thousand cameras share the threads fairly. If there are two or
-// more threads and all run long tasks (over 10 ms of CPU time), one extra thread starts other pools' short tasks (up to 4 ms) at once, and
-// the system shares out the processors.
+// Clients that have work are served round robin, one batch each, and so are a client's pools: whoever has a thousand cameras has no more
+// of the threads than whoever has one. If there are two or more threads and all run long tasks (over 10 ms of CPU time), one extra thread
+// starts other pools' short tasks (up to 4 ms) at once, and the system shares out the processors.
 
 #include <cstddef>
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <string>
 #include <vector>
 
 namespace ridgecast::scheduling {
@@ -40,8 +41,8 @@ class Executor {
   double usage() const;
   // Without threads: the calling thread runs all posted tasks, including those that they post.
   void work();
-  // limit 0: min(4, threads). The pool may outlive the executor, but must not be used then.
-  std::shared_ptr<Pool> makePool(unsigned limit = 0);
+  // limit 0: min(4, threads). `client` empty: nobody else's. The pool may outlive the executor, but must not be used then.
+  std::shared_ptr<Pool> makePool(unsigned limit = 0, const std::string& client = {});
 
  private:
   struct State;
@@ -73,6 +74,7 @@ class Pool {
  private:
   friend class Executor;
   struct Impl;
+  struct Row;
   explicit Pool(std::shared_ptr<Impl> impl);
   std::shared_ptr<Impl> impl_;
 };

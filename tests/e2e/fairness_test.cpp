@@ -177,6 +177,10 @@ const std::vector<Case> kCases{
      [](const Other& o) {
        o.asMember(helloOf(1), [k = 0](Member& m) mutable { return m.fly(1e6 * (++k % 1000)) && m.next<wire::Iteration>(); });
      }},
+    {"ManyCameras", 48,
+     [](const Other& o) {
+       o.asMember(helloOf(2), [metres = 0.0](Member& m) mutable { return m.fly(metres += 50) && m.next<wire::Iteration>(); });
+     }},
     {"HeavyCameras", 4,
      [](const Other& o) {
        o.asMember(helloOf(0.1, 2'000'000), [metres = 0.0](Member& m) mutable { return m.fly(metres += 5) && m.next<wire::Iteration>(); });

@@ -240,6 +240,24 @@ TEST(Scheduling, ManyPoolsShareFairly) {
   EXPECT_GT(sum * sum / (kPools * squares), 0.9);  // Jain's index: 1 is perfectly fair
 }
 
+// Whoever has many pools waits no less for whoever has one, and leaves nothing behind.
+TEST(Scheduling, ClientsTakeTurns) {
+  Executor executor{Executor::WithoutThreads{}};
+  std::string order;
+  for (int round = 0; round < 2; ++round) {
+    order.clear();
+    std::vector<std::shared_ptr<Pool>> many;
+    for (int k = 0; k < 4; ++k) many.push_back(executor.makePool(0, "many"));
+    const auto one = executor.makePool(0, "one"), nobodys = executor.makePool(), other = executor.makePool();
+    for (int n = 0; n < 2; ++n)
+      for (std::size_t k = 0; k < many.size(); ++k) ASSERT_TRUE(many[k]->post([&order, k] { order += std::to_string(k); }));
+    for (const auto& [pool, name] : {std::pair(one, 'a'), std::pair(nobodys, 'b'), std::pair(other, 'c')})
+      for (int n = 0; n < 3; ++n) ASSERT_TRUE(pool->post([&order, name = name] { order += name; }));
+    executor.work();
+    EXPECT_EQ(order, "0abc1abc2abc30123");
+  }
+}
+
 TEST(Scheduling, WithoutThreadsAllIsDoneByWhoCalls) {
   Executor executor{Executor::WithoutThreads{}};
   const auto one = executor.makePool(), other = executor.makePool();
