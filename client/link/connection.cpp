@@ -46,6 +46,7 @@ struct Connection::Impl final : WebSocket::Listener {
       const std::lock_guard lock(mutex_);
       givesUp_ = !hasWorld();
       if (givesUp_ && socket_) socket_->giveUp();
+      changed_.notify_all();
     });
     std::unique_lock lock(mutex_);
     changed_.wait(lock, [&] { return hasWorld() || reconnector_.lost(); });
@@ -117,12 +118,21 @@ struct Connection::Impl final : WebSocket::Listener {
   // ---- the network's thread ----
 
   void run() {
+    patience_ = Clock::now() + options_.waiting.heard;
     for (bool isFirst = true; const auto url = dial(); isFirst = false) {
-      WebSocket socket(*url, isFirst ? options_.timeout : kTimeout, isFirst ? options_.waiting : Waiting(), *this);
-      if (!hold(&socket)) return;
-      socket.run();
-      hold(nullptr);
+      do {
+        WebSocket socket(*url, isFirst ? options_.timeout : kTimeout, isFirst ? options_.waiting : Waiting(), *this);
+        if (!hold(&socket)) return;
+        socket.run();
+        hold(nullptr);
+      } while (waitsToDialAgain());
+      patience_ = {};
     }
+  }
+
+  bool waitsToDialAgain() {
+    std::unique_lock lock(mutex_);
+    return again_ && (changed_.wait_until(lock, *std::exchange(again_, {}), [&] { return leaves_ || givesUp_; }), true);
   }
 
   // Waits until a line must be opened; nothing: the owner leaves.
@@ -192,8 +202,12 @@ struct Connection::Impl final : WebSocket::Listener {
     write();
   }
 
-  void ended(std::string why) override {
+  void ended(std::string why, std::optional<std::chrono::seconds> retryAfter) override {
     const std::lock_guard lock(mutex_);
+    if (retryAfter && !givesUp_ && Clock::now() + *retryAfter < patience_) {
+      again_ = Clock::now() + *retryAfter;
+      return;
+    }
     reconnector_.ended({std::move(why)}, Clock::now());
     comesBack_ = false;
     changed_.notify_all();
@@ -202,6 +216,8 @@ struct Connection::Impl final : WebSocket::Listener {
   const Options options_;
   const Resume resume_;
   bool writing_ = false;
+  Clock::time_point patience_;              // of the first line, with a server that refuses for a while
+  std::optional<Clock::time_point> again_;  // when to dial again, of that
 
   std::mutex mutex_;
   std::condition_variable changed_;

@@ -25,9 +25,11 @@ namespace ridgecast::link {
 // minute on a slow machine.
 struct Waiting {
   std::chrono::milliseconds unheard{90'000};  // timeout without any progress
-  std::chrono::milliseconds heard{30'000};    // timeout since the last progress: the server reports it about every second
-  std::function<void()> preparing = {};       // called at each progress, on the network's thread
-  std::stop_token stop = {};                  // gives up, at any time before the world is there: an error
+  // Timeout since the last progress: the server reports it about every second; and of the first line with a server that refuses for a while
+  // (503 with Retry-After), which is dialled again.
+  std::chrono::milliseconds heard{30'000};
+  std::function<void()> preparing = {};  // called at each progress, on the network's thread
+  std::stop_token stop = {};             // gives up, at any time before the world is there: an error
 };
 
 struct Options {

@@ -112,6 +112,12 @@ struct WebSocket::Impl {
     return "what answers at " + where_ + " is not a Ridgecast server (" + e.message() + "); check host and port";
   }
 
+  std::optional<std::chrono::seconds> retryAfter() const {
+    if (response_.result() != boost::beast::http::status::service_unavailable) return {};
+    const auto seconds = text::number<std::uint32_t>(response_[boost::beast::http::field::retry_after]);
+    return seconds ? std::optional(std::chrono::seconds(*seconds)) : std::nullopt;
+  }
+
   std::string late() const {
     const auto within = [](milliseconds timeout) { return " within " + std::to_string(timeout.count()) + " ms"; };
     if (state_ == State::kUpgrading && heard_)
@@ -166,7 +172,7 @@ struct WebSocket::Impl {
   void end(std::string why) {
     if (state_ == State::kEnded) return;
     state_ = State::kEnded;
-    listener_.ended(std::move(why));
+    listener_.ended(std::move(why), retryAfter());
     hangUp();
   }
 

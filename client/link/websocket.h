@@ -11,6 +11,7 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 
@@ -23,8 +24,9 @@ class WebSocket {
   struct Listener {
     virtual void opened() = 0;  // the first frame may be sent
     virtual void received(std::span<const std::uint8_t> frame) = 0;
-    virtual void sent() = 0;                  // the frame has left; the next one may be sent
-    virtual void ended(std::string why) = 0;  // nothing follows
+    virtual void sent() = 0;  // the frame has left; the next one may be sent
+    // Nothing follows. `retryAfter`: the server refuses for so long.
+    virtual void ended(std::string why, std::optional<std::chrono::seconds> retryAfter) = 0;
 
    protected:
     ~Listener() = default;

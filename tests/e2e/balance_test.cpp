@@ -58,7 +58,7 @@ class Balance : public testing::Test {
     for (auto& server : servers)
       server = std::make_unique<ServerProcess>(
           RIDGECAST_SERVER, std::vector<std::string>{"--shared", redis->url(), "--trusted-proxy", "127.0.0.0/8", "--reconnect-url", "",
-                                                     "--log-level", "info"});
+                                                     "--timeout", "600", "--log-level", "info"});
     const auto at = [](std::uint16_t p) { return "127.0.0.1:" + std::to_string(p); };
     bool ready = false;
     for (int attempt = 0; attempt < 5 && !ready; ++attempt) {  // somebody else may take the port before HAProxy does
@@ -91,7 +91,7 @@ class Balance : public testing::Test {
     }
   }
   double cameras(std::size_t server) const { return figure(servers[server]->port(), "ridgecast_cameras"); }
-  // A stream of session "race", and nothing more.
+  // A stream of session "race", and nothing more: it never says hello.
   void hold(int count) {
     for (int k = 0; k < count; ++k) {
       held.push_back(std::make_unique<SocketClient>(port));
@@ -154,6 +154,14 @@ TEST_F(Balance, NewStreamsGoToTheServerWithTheFewest) {
   ASSERT_TRUE(await([&] { return get(servers[0]->port(), "/readyz").starts_with("HTTP/1.1 503"); }));
   hold(5);  // also those that come before HAProxy knows
   EXPECT_TRUE(await([&] { return cameras(0) == 0 && cameras(1) == 10; })) << cameras(0) << " and " << cameras(1);
+  ASSERT_TRUE(await([&] { return balancer->output().find("Server servers/a is DOWN") != std::string::npos; }));
+  held.clear();
+  EXPECT_TRUE(await([&] { return cameras(1) == 0; }));
+  hold(6);
+  servers[0]->process().signal(SIGUSR2);
+  ASSERT_TRUE(await([&] { return balancer->output().find("Server servers/a is UP") != std::string::npos; }));
+  hold(6);
+  EXPECT_TRUE(await([&] { return cameras(0) == 6 && cameras(1) == 6; })) << cameras(0) << " and " << cameras(1);
 }
 
 TEST_F(Balance, EverySessionIsReachedThroughAnyServer) {

@@ -89,6 +89,31 @@ TEST(Connection, HttpServerWithoutAStream) {
   expectContains(error, "no session of that name");
 }
 
+TEST(Connection, ServerThatRefusesForAWhileIsAskedAgain) {
+  int asked = 0;
+  {
+    RawServer server(
+        [&](RawConnection& peer) {
+          peer.readHead();
+          peer.send(++asked == 3
+                        ? "HTTP/1.1 404 Not Found\r\nContent-Length: 0\r\n\r\n"
+                        : "HTTP/1.1 503 Busy\r\nRetry-After: " + std::to_string(asked - 1) + "\r\nContent-Length: 5\r\n\r\nbusy\n");
+          peer.drain();
+        },
+        3);
+    expectContains(errorOf(at(server.port())), "HTTP 404");
+  }
+  EXPECT_EQ(asked, 3);
+  for (const char* late : {"31", "-1", "soon", "4294967295"}) {
+    RawServer server([&](RawConnection& peer) {
+      peer.readHead();
+      peer.send("HTTP/1.1 503 Busy\r\nRetry-After: " + std::string(late) + "\r\nContent-Length: 5\r\n\r\nbusy\n");
+      peer.drain();
+    });
+    expectContains(errorOf(at(server.port())), "HTTP 503 instead of opening a stream: busy");
+  }
+}
+
 TEST(Connection, AsksForTheSessionOfTheUrl) {
   std::string head;
   {
