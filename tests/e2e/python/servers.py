@@ -427,6 +427,9 @@ def listed(port: int, session: str) -> Dict[str, List[int]]:
     since = 0
     while True:
         status, body = get(port, f"/v1/sessions/{session}/edits?since={since}&limit=1000")
+        if status == 503:  # it has just begun to read what the others made
+            time.sleep(1)
+            continue
         assert status == 200, (status, body[:200])
         page = json.loads(body)
         for edit in page["edits"]:
