@@ -46,7 +46,7 @@ Result<std::unique_ptr<World>> World::join(std::string_view url, const Options& 
                           .edits = true,
                           .near = options.everybody ? 0u : kNear,
                           .states = true,
-                          .placesOnly = options.placesOnly};
+                          .placesOnly = options.placesOnly || !options.camera};
   auto client = link::Client::open(*parsed, hello, {.reconnects = options.reconnects, .timeout = options.timeout});
   if (!client) return Failure{Fault::kRefused, client.error().message};
   return std::unique_ptr<World>(new World(std::move(*client), options));
@@ -140,14 +140,16 @@ template <class Done>
 Result<void> World::takeClock(const wire::SetClock& set, Instant until, const Done& done) {
   const std::uint64_t before = client_->connection().clock().version();
   client_->connection().setClock(set);
-  bool refused = false;
+  std::string refused;
   auto taken = clockUntil(until, [&](const core::SessionClock& clock) {
     const wire::Clock& said = clock.said();
-    refused = clock.version() > before && said.owner != 0 && said.owner != camera();
-    return refused || (said.owner == camera() && done(said, clock.version() > before));
+    if (clock.version() > before && said.owner != 0 && said.owner != camera())
+      refused = "member " + std::to_string(said.owner) + " owns the clock";
+    else if (clock.refused() > before)
+      refused = clock.notice();
+    return !refused.empty() || (said.owner == camera() && done(said, clock.version() > before));
   });
-  if (taken && refused)
-    return Failure{Fault::kRefused, "member " + std::to_string(client_->connection().clock().said().owner) + " owns the clock"};
+  if (taken && !refused.empty()) return Failure{Fault::kRefused, refused};
   return taken;
 }
 
@@ -213,12 +215,16 @@ Result<void> World::step(Microseconds time, Milliseconds timeout) {
       }
     awaited_ = std::max(awaited_, client_->connection().clock().said().step) + 1;
     awaitedOf_ = reconnections();
+    awaitedSince_ = client_->connection().clock().version();
     client_->connection().step({static_cast<std::uint64_t>(std::exchange(unsent_, 0us).count()), true});
   }
+  std::string refused;
   auto stepped = clockUntil(until, [&](const core::SessionClock& clock) {
-    return clock.said().step > awaited_ || (clock.said().step == awaited_ && clock.said().waitsFor.empty());
+    if (clock.refused() > awaitedSince_ && clock.said().step < awaited_) refused = clock.notice();
+    return !refused.empty() || clock.said().step > awaited_ || (clock.said().step == awaited_ && clock.said().waitsFor.empty());
   });
   if (stepped || stepped.error().fault == Fault::kLost) awaited_ = 0;
+  if (!refused.empty()) return Failure{Fault::kRefused, refused};
   if (stepped) return {};
   return stepped.error().fault == Fault::kLost ? uncertain() : waitedFor();
 }

@@ -58,7 +58,7 @@ using Result = boost::system::result<T, Failure>;
 
 struct Options {
   std::string name = {};                      // shown to the others
-  bool camera = true;                         // false: a sensor, whose only mesh is what it requests with ground()
+  bool camera = true;                         // false: a sensor, whose only mesh is what it requests with ground(); placesOnly
   settings::Settings settings = {};           // of the mesh
   bool follows = false;                       // the clock: each step waits until this member has done it (nextStep)
   wire::Pacing pacing = wire::Pacing::kFree;  // of the mesh
@@ -98,7 +98,7 @@ class World {
   // recording anywhere, and going back restarts it there, and the connection with it.
   Result<void> jump(Microseconds time, Milliseconds timeout);
   // Moves a stepped or unowned clock by `time`, and waits until every member that follows it has done the step. After kTimeout the step is
-  // still pending: call with 0 to keep waiting for it. (Another time replaces one that was not sent, as after kLost.)
+  // still pending: call with 0 to keep waiting for it. kRefused: there is no step. (Another time replaces one that was not sent, as after kLost.)
   Result<void> step(Microseconds time, Milliseconds timeout);
   // For a member that follows: reports the last returned step as done, waits for the next one and returns the session's time.
   Result<std::uint64_t> nextStep(Milliseconds timeout);
@@ -157,7 +157,7 @@ class World {
   // For step(): first `unsent_` is to be sent, then the clock's step `awaited_` to be done. If the connection drops in between, the outcome
   // is unknown.
   Microseconds unsent_{0};
-  std::uint64_t awaited_ = 0, awaitedOf_ = 0;  // reconnections() then
+  std::uint64_t awaited_ = 0, awaitedOf_ = 0, awaitedSince_ = 0;  // reconnections(), the clock's version() then
   bool uncertain_ = false;
 };
 

@@ -259,6 +259,7 @@ struct Clock {
   std::uint64_t echo = 0;
   std::string notice{};   // one sentence for a person; mostly empty
   std::uint64_t end = 0;  // microseconds, of a recording; 0: it is none
+  bool refuses = false;   // what this member said last has no effect: `notice` says why
 };
 
 struct Answer {

@@ -358,7 +358,8 @@ TABLE(Clock, Clock,
     FIELD(6, waits_for, waitsFor, Entries{kMaxMembers}),
     FIELD(7, echo, echo),
     FIELD(8, notice, notice, Bytes{kMaxErrorBytes}),
-    FIELD(9, end, end, kMicroseconds));
+    FIELD(9, end, end, kMicroseconds),
+    FIELD(10, refuses, refuses));
 
 TABLE(Answer, Answer,
     FIELD(1, id, id),

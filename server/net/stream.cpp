@@ -251,7 +251,7 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
     if (const auto right = neededFor(*message); right && !grant_.rights.has(*right)) {
       const std::string why = "The token lacks the right '" + std::string(access::name(*right)) + "'.";
       if (*right != access::Right::kClock || !greeted_) return fail(metrics::Refusal::kRight, {wire::ErrorCode::kInvalid, why});
-      session().clock().tell(camera_->id(), why);  // as to anybody else who cannot set the clock now
+      session().clock().refuse(camera_->id(), why);  // as to anybody else who cannot set the clock now
       return readNext();
     }
     if (!greeted_) {

@@ -16,20 +16,20 @@ ClockEffect setClock(Clock& clock, std::uint64_t member, const wire::SetClock& s
   effect.isChanged = clock.set(member, set, now);
   effect.goesBack = effect.isChanged && set.own && set.time != 0 && set.time < clock.time(now);
   if (!effect.isChanged)
-    effect.notices.push_back({member, whyNotYours(clock)});
+    effect.notices.push_back({member, whyNotYours(clock), true});
   else if (effect.goesBack)
-    effect.notices.push_back({member, "Time goes back only in recordings."});
+    effect.notices.push_back({member, "Time goes back only in recordings.", true});
   else if (set.own && clock.isTooFarAhead(set.time, now))
-    effect.notices.push_back({member, "A jump takes the clock at most an hour ahead, and to at most 142 years."});
+    effect.notices.push_back({member, "A jump takes the clock at most an hour ahead, and to at most 142 years.", true});
   return effect;
 }
 
 ClockEffect passOverAsAsked(Clock& clock, std::uint64_t member, std::uint64_t late) {
-  if (clock.owner() != member) return {.notices = {{member, whyNotYours(clock)}}};
+  if (clock.owner() != member) return {.notices = {{member, whyNotYours(clock), true}}};
   ClockEffect effect = passOver(clock, late, "by the clock's owner");
   if (!effect.isChanged)
     effect.notices = {
-        {member, "No step waits for member " + std::to_string(late) + ": it does not follow the clock or was passed over before."}};
+        {member, "No step waits for member " + std::to_string(late) + ": it does not follow the clock or was passed over before.", true}};
   return effect;
 }
 
@@ -65,7 +65,7 @@ ClockEffect apply(Clock& clock, const ClockCall& call, Clock::Instant now) {
       effect.stepped = clock.step(call.member, call.step);
       effect.isChanged = effect.stepped == Clock::Stepped::kBegins;
       if (std::string why = effect.stepped == Clock::Stepped::kNotYours ? whyNotYours(clock) : sentenceOf(effect.stepped); !why.empty())
-        effect.notices.push_back({call.member, std::move(why)});
+        effect.notices.push_back({call.member, std::move(why), true});
       break;
     case ClockCall::Kind::kDone:
       effect.isChanged = clock.done(call.member, call.number);

@@ -25,6 +25,7 @@ struct ClockCall {
 struct ClockNotice {
   std::uint64_t member = 0;
   std::string sentence;
+  bool isRefusal = false;  // the member's last call has no effect
 };
 
 struct ClockEffect {

@@ -162,7 +162,7 @@ bool fieldsOf(auto& io, auto& record) requires requires { record.servers; }
 bool fieldsOf(auto& io, auto& told) requires requires { told.notices; }
 {
   return io(told.epoch) && flag(io, told.isLast) && recordFields(io, told.record) &&
-         list(io, told.notices, [&](auto& notice) { return io(notice.member) && io(notice.sentence); });
+         list(io, told.notices, [&](auto& notice) { return io(notice.member) && io(notice.sentence) && flag(io, notice.isRefusal); });
 }
 
 template <class Io>

@@ -136,9 +136,9 @@ void SessionClock::tell(std::string sentence) {
     if (entry.hears) send(entry, 0, sentence);
 }
 
-void SessionClock::tell(std::uint64_t camera, std::string sentence) {
+void SessionClock::refuse(std::uint64_t camera, std::string sentence) {
   const Lock lock(mutex_);
-  sendAll({{camera, std::move(sentence)}});
+  sendAll({{camera, std::move(sentence), true}});
 }
 
 wire::Clock SessionClock::state() const {
@@ -201,14 +201,15 @@ void SessionClock::notify() {
 
 void SessionClock::sendAll(const std::vector<ClockNotice>& notices) {
   for (const ClockNotice& notice : notices)
-    if (const auto it = entries_.find(notice.member); it != entries_.end()) send(it->second, 0, notice.sentence);
+    if (const auto it = entries_.find(notice.member); it != entries_.end()) send(it->second, 0, notice.sentence, notice.isRefusal);
 }
 
-void SessionClock::send(Entry& entry, std::uint64_t echo, std::string notice) {
+void SessionClock::send(Entry& entry, std::uint64_t echo, std::string notice, bool isRefusal) {
   if (!entry.sender) return;  // a recording's member
   wire::Clock clock = now();
   clock.echo = echo;
   clock.notice = std::move(notice);
+  clock.refuses = isRefusal;
   entry.isStale = false;
   const std::shared_ptr<const void> held = std::make_shared<char>();
   entry.waiting = held;
@@ -257,7 +258,8 @@ bool SessionClock::refuses(Entry& entry) {
   if (!bus_->isAway()) return false;
   send(entry, 0,
        "The engine that the servers of this world share cannot be reached: until it can, the clock goes on as it is and takes neither "
-       "settings nor steps.");
+       "settings nor steps.",
+       true);
   return true;
 }
 

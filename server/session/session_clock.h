@@ -73,10 +73,10 @@ class SessionClock : public std::enable_shared_from_this<SessionClock> {
   void receive(std::uint64_t camera, const wire::StepDone& done);
   void receive(std::uint64_t camera, const wire::PassOver& pass);
 
-  // A sentence for the people at this member, or at all members with `members` or `clock` in hello, as Clock.notice; cut to
-  // wire::kMaxErrorBytes.
+  // A sentence for the people at all members with `members` or `clock` in hello, as Clock.notice; cut to wire::kMaxErrorBytes.
   void tell(std::string sentence);
-  void tell(std::uint64_t camera, std::string sentence);
+  // Why what this member said has no effect.
+  void refuse(std::uint64_t camera, std::string sentence);
 
   wire::Clock state() const;
   std::uint64_t time() const;  // microseconds
@@ -97,7 +97,7 @@ class SessionClock : public std::enable_shared_from_this<SessionClock> {
   void changed();
   void note() const;
   void notify();
-  void send(Entry& entry, std::uint64_t echo, std::string notice = {});
+  void send(Entry& entry, std::uint64_t echo, std::string notice = {}, bool isRefusal = false);
   void sendAll(const std::vector<ClockNotice>& notices);
   void watchStep();
   void passOverLate();

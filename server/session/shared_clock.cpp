@@ -61,19 +61,24 @@ void SharedClock::call(const ClockCall& call, const Now& now) {
       (call.number != clock.step || (!clock.waitsFor.contains(call.member) && !clock.passedOver.contains(call.member))))
     return;
   const bool isFull = pending_.size() >= kMaxPending;
-  if (isFull) announce(now);
+  if (isFull) announce(now, true);
   if (!isFull || isOnce(call)) add({++lastNumber_, {}, call}, now);
   write(now);
 }
 
-void SharedClock::announce(const Now& now) {
+void SharedClock::announce(const Now& now, bool isFull) {
   std::set<std::uint64_t> lost;
   for (const ToldCalls::Numbered& numbered : pending_)
     if (!numbered.all && isOnce(numbered.call)) lost.insert(numbered.call.member);
   for (const std::uint64_t member : lost)
-    news_.notices.push_back({member,
-                             "The servers of this world lost touch: it is not known whether your last call to the clock took effect; "
-                             "look at the clock, and repeat the call if it did not."});
+    news_.notices.push_back(isFull
+                                ? ClockNotice{member,
+                                              "Too many calls to the clock wait: it is not known whether your last one took effect; look "
+                                              "at the clock, and repeat the call if it did not."}
+                                : ClockNotice{member,
+                                              "The servers of this world lost touch, so your last call to the clock had no effect: "
+                                              "repeat it.",
+                                              true});
   pending_.clear();
   announced_ = ++lastNumber_;
   ToldCalls::Numbered numbered{announced_, std::vector<ToldCalls::Member>()};
@@ -104,14 +109,18 @@ void SharedClock::acknowledge(const Now& now) {
   const bool isKnown = mine != shown_.servers.end(), isHere = isKnown && mine->second.isHere;
   const std::uint64_t applied = isKnown ? mine->second.applied : 0;
   const bool wasAccepted = acknowledged_ >= announced_;
+  if (applied > lastNumber_) {  // of an earlier session, before the engine's clock was set back
+    lastNumber_ = applied;
+    return announce(now);
+  }
+  forget(applied);
   if (isHere ? wasAccepted && applied < acknowledged_ : wasAccepted || applied >= announced_) return announce(now);
   if (!isHere) return;
   acknowledged_ = applied;
-  if (acknowledged_ > lastNumber_) {  // of an earlier session, before the engine's clock was set back
-    lastNumber_ = acknowledged_;
-    return announce(now);
-  }
-  while (!pending_.empty() && pending_.front().number <= acknowledged_) {
+}
+
+void SharedClock::forget(std::uint64_t applied) {
+  while (!pending_.empty() && pending_.front().number <= applied) {
     const ToldCalls::Numbered& numbered = pending_.front();
     if (!numbered.all && numbered.call.kind == ClockCall::Kind::kSet) news_.answered.push_back(numbered.call.member);
     pending_.pop_front();

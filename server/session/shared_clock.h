@@ -17,8 +17,8 @@
 //      +--------------------------------------------------------------------------+  there is one
 //
 // Calls are numbered, repeated until the record says that they were applied, and applied once, in order. A leader drops the members of a
-// server that it has not heard for kSilence; back again, that server tells all its members. It then cannot know whether the settings and
-// steps that it had on the way were applied: they are not repeated, and their members get a sentence.
+// server that it has not heard for kSilence; back again, that server tells all its members. Settings and steps that it had on the way then
+// have no effect: they are not repeated, and their members get a sentence.
 //
 // Time does not go back for a server's members, whatever the engine's time does: a clock that ran ahead stands until the others have come,
 // and if they would not come soon, they are moved. Until it knows the record it stands at 0.
@@ -104,7 +104,8 @@ class SharedClock {
   enum class Write { kNot, kSoon, kNow };  // soon: at the next tick
 
   static std::uint64_t microsecondsOf(Clock::Instant instant);
-  void announce(const Now& now);
+  void announce(const Now& now, bool isFull = false);
+  void forget(std::uint64_t applied);
   void add(ToldCalls::Numbered numbered, const Now& now);
   void sendCalls(std::size_t from, const Now& now);
   void acknowledge(const Now& now);

@@ -2,6 +2,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <chrono>
+
+#include "client/world/world.h"
 #include "tests/e2e/operator.h"
 #include "tests/support/process.h"
 #include "tests/support/redis_server.h"
@@ -32,6 +35,29 @@ TEST(Shared, AServerSaysWhetherItsEngineIsThere) {
   EXPECT_THAT(server.process().output(), testing::AllOf(HasSubstr(" is away: "), HasSubstr(" is back after ")));
   ServerProcess second(RIDGECAST_SERVER, {}, 0, {{"RIDGECAST_SHARED", redis.url()}});
   EXPECT_THAT(redis.command({"GET", "ridgecast:servers"}), HasSubstr("2"));
+}
+
+// A call to the clock that has no effect says so to whoever waits for it.
+TEST(Shared, StepsWithoutTheEngineAreRefused) {
+  if (!RedisServer::exists()) GTEST_SKIP() << "redis-server is not installed";
+  RedisServer redis;
+  ServerProcess server(RIDGECAST_SERVER, {"--shared", redis.url()});
+  const auto joined = world::World::join(server.url(), {.camera = false});
+  ASSERT_TRUE(joined) << joined.error().message;
+  world::World& owner = **joined;
+  const auto step = [&] { return owner.step(std::chrono::milliseconds(10), kTimeout); };
+  ASSERT_TRUE(step());
+  redis.kill();
+  ASSERT_TRUE(await([&] { return get(server.port(), "/readyz") != "ready\n"; }));
+  for (const auto& refused : {step(), owner.setClock(wire::ClockMode::kRealTime, 1, kTimeout)}) {
+    ASSERT_FALSE(refused);
+    EXPECT_EQ(refused.error().fault, world::Fault::kRefused);
+    EXPECT_THAT(refused.error().message, HasSubstr("cannot be reached"));
+  }
+  redis.start();
+  ASSERT_TRUE(await([&] { return get(server.port(), "/readyz") == "ready\n"; }));
+  ASSERT_TRUE(step());
+  EXPECT_EQ(owner.clock().said().step, 2u);
 }
 
 TEST(Shared, AServerWithoutItsEngineDoesNotStart) {

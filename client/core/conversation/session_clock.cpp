@@ -45,6 +45,7 @@ void SessionClock::hear(const wire::Clock& clock, Instant now) {
   said_ = clock;
   if (!clock.notice.empty()) notice_ = clock.notice;
   ++version_;
+  if (clock.refuses) refused_ = version_;
   answered_ = std::max(answered_, clock.echo);
   if (!goesOn) best_.reset();
   Sample sample{now, static_cast<double>(clock.time), kUnrequested};

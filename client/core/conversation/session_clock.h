@@ -21,6 +21,7 @@ class SessionClock {
 
   const wire::Clock& said() const { return said_; }          // the last that was heard
   const std::string& notice() const { return notice_; }      // the server's last sentence about it; empty: none yet
+  std::uint64_t refused() const { return refused_; }         // version() when it last refused what this member said; 0: it did not
   std::uint64_t version() const { return version_; }         // grows with everything that is heard; 0: nothing yet
   std::uint64_t time(Instant now) const;                     // session time, microseconds
   std::chrono::microseconds uncertainty(Instant now) const;  // of time(): half a round trip, plus the drift of two clocks; 0 when stepped
@@ -47,7 +48,7 @@ class SessionClock {
 
   wire::Clock said_;
   std::string notice_;
-  std::uint64_t version_ = 0, asked_ = 0, answered_ = 0, waiting_ = 0;
+  std::uint64_t version_ = 0, refused_ = 0, asked_ = 0, answered_ = 0, waiting_ = 0;
   std::uint64_t settles_ = 0;  // the request whose answer settles it
   std::optional<Instant> askedAt_;
   std::optional<Sample> best_;

@@ -122,7 +122,8 @@ class Clock:
     def step(self, seconds: float, timeout: float = 10.0) -> None:
         """Takes the clock if nobody owns it, advances it, and waits until all members that follow it have done the step.
 
-        Raises Timeout, which names those that have not; the step is then still under way, and step(0) waits for it again.
+        Raises Timeout, which names those that have not; the step is then still under way, and step(0) waits for it again. After Refused
+        there is no step.
         """
         step = round(seconds * 1e6)
         if seconds != 0 and step < 1:

@@ -136,9 +136,9 @@ TEST(Wire, ValuesOfAServerAreTheSchemasFields) {
   expectText(crowded,
              "members { joined { camera: 7 clock: true } others: 2000 faded: 5 faded: 6 crowd { level: 3 i: -1 i: 17179869184 "
              "j: 0 j: 2 count: 300 count: 4 } }");
-  expectText(Clock{ClockMode::kScaled, 2.5, 10, 3, 4, {5, 6}, 7, "Passed over.", 11},
+  expectText(Clock{ClockMode::kScaled, 2.5, 10, 3, 4, {5, 6}, 7, "Passed over.", 11, true},
              R"(clock { mode: CLOCK_SCALED rate: 2.5 time: 10 owner: 3 step: 4 waits_for: 5 waits_for: 6 echo: 7 notice: "Passed )"
-             R"(over." end: 11 })");
+             R"(over." end: 11 refuses: true })");
   expectText(Answer{4, {1.5f, -0.0f}, {0, 1, 0}, {-1, 12.25}, "", 5},
              R"(answer { id: 4 heights: 1.5 heights: -0 normals: 0 normals: 1 normals: 0 distances: -1 distances: 12.25 edit: 5 })");
   expectText(Ground{5, 0.25, {{{3, 5, 6}, 4, 2, {0, 255}, 0.125f}}, "", 6},

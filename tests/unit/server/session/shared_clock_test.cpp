@@ -283,6 +283,7 @@ TEST(SharedClock, StandsAndRefusesWithoutItsEngine) {
       member->notice.clear();
       server->clock->step(id, {10, true});
       EXPECT_THAT(member->notice, HasSubstr("cannot be reached"));
+      EXPECT_TRUE(member->last().refuses);
     }
   s.join(a, 4);
   s.engine.start();
