@@ -201,13 +201,12 @@ class World(Questions):
             return Member(m.member, ffi.string(m.name).decode(errors="replace"), bool(m.sensor), (m.x, m.y, m.z) if m.has_pose else None,
                           m.yaw, m.pitch, m.time * 1e-6, bytes(ffi.buffer(m.state, m.state_size)))
 
-        return [member(m) for m in self._all("rc_member", lib.rc_world_members)]
+        return self._all("rc_member", lib.rc_world_members, member)
 
     @property
     def crowd(self) -> List[Cell]:
         """How many members, this one included, are where, in at most 512 squares, to two seconds. Empty while `members` names everybody."""
-        cells = self._all("rc_crowd_cell", lambda *a: lib.rc_world_crowd(*a, ffi.NULL))
-        return [Cell(c.x, c.z, c.side, int(c.members)) for c in cells]
+        return self._all("rc_crowd_cell", lambda *a: lib.rc_world_crowd(*a, ffi.NULL), lambda c: Cell(c.x, c.z, c.side, int(c.members)))
 
     @property
     def others(self) -> int:
@@ -288,7 +287,7 @@ class World(Questions):
     @property
     def leaves(self) -> List[Leaf]:
         """The squares of the mesh held. To fetch only what has changed, compare versions."""
-        return [Leaf(l.level, l.i, l.j, l.side, l.version, l.triangles) for l in self._all("rc_leaf", lib.rc_world_leaves)]
+        return self._all("rc_leaf", lib.rc_world_leaves, lambda l: Leaf(l.level, l.i, l.j, l.side, l.version, l.triangles))
 
     def leaf(self, leaf: Leaf) -> Mesh:
         """The mesh of one of `leaves`; its origin is its corner."""
@@ -296,14 +295,14 @@ class World(Questions):
         check(lib.rc_world_leaf(self._handle, leaf.level, leaf.i, leaf.j, out))
         return take(out[0])
 
-    def _all(self, name: str, list_all: Callable[..., Any]) -> List[Any]:
+    def _all(self, name: str, list_all: Callable[..., Any], one: Callable[[Any], Any]) -> List[Any]:
         count, room = ffi.new("size_t*"), 256
         while True:
             out = ffi.new(f"{name}[]", room)
             out[0].size = ffi.sizeof(name)
             check(list_all(self._handle, out, room, count))
             if count[0] <= room:
-                return [out[k] for k in range(count[0])]
+                return [one(out[k]) for k in range(count[0])]  # out[k] does not keep the array
             room = 2 * count[0]
 
     def close(self) -> None:
