@@ -3,7 +3,6 @@
 //
 // Redis runs beside it with its data in the folder of temporary files: its disk is what is measured. Latency: from the call until its
 // handler is called.
-#include <algorithm>
 #include <atomic>
 #include <chrono>
 #include <condition_variable>
@@ -81,10 +80,9 @@ void appends(Report& report, const testing_support::RedisServer& redis, const st
     all.insert(all.end(), writer.took.begin(), writer.took.end());
     behind += writer.behind;
   }
-  std::sort(all.begin(), all.end());
   report.add(name + "_per_second", static_cast<double>(all.size()) / seconds, "appends a second");
-  report.add(name + "_p50_ms", all[all.size() / 2], "ms");
-  report.add(name + "_p99_ms", all[all.size() * 99 / 100], "ms");
+  report.add(name + "_p50_ms", percentile(all, 0.5), "ms");
+  report.add(name + "_p99_ms", percentile(all, 0.99), "ms");
   if (oneLog && servers > 1)
     report.add(name + "_behind", static_cast<double>(behind) / static_cast<double>(all.size()), "lost races an append");
 }
@@ -119,9 +117,8 @@ void messages(Report& report, const testing_support::RedisServer& redis, int cou
     from->tell("bench", std::string(128'000, 'm'));
     changed.wait(lock, [&] { return took.size() == 3 * static_cast<std::size_t>(i + 1); });
   }
-  std::sort(took.begin(), took.end());
-  report.add("message_p50_ms", took[took.size() / 2], "ms, 128 kB to 3 servers");
-  report.add("message_p99_ms", took[took.size() * 99 / 100], "ms");
+  report.add("message_p50_ms", percentile(took, 0.5), "ms, 128 kB to 3 servers");
+  report.add("message_p99_ms", percentile(took, 0.99), "ms");
 }
 
 }  // namespace
