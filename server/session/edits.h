@@ -44,6 +44,7 @@ namespace ridgecast::session {
 struct Ground {
   std::shared_ptr<const terrain::Terrain> terrain;
   std::uint64_t edit = 0;
+  std::uint64_t identity = 0;  // of that edit (edit_log::identityOf), the same on all servers; 0: there is one server, or it was compacted
 };
 
 struct Edit {
