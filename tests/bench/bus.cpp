@@ -33,6 +33,14 @@ std::shared_ptr<bus::Bus> join(const testing_support::RedisServer& redis) {
 
 double milliseconds(Steady::duration time) { return std::chrono::duration<double, std::milli>(time).count(); }
 
+// "name:value" of INFO.
+double infoOf(const testing_support::RedisServer& redis, const std::string& name) {
+  const std::string info = redis.command({"INFO"}), line = "\n" + name + ":";
+  const auto at = info.find(line);
+  if (at == info.npos) throw std::runtime_error("the engine does not say its " + name);
+  return std::stod(info.substr(at + line.size()));
+}
+
 // One server that appends again as soon as it has its answer.
 struct Writer {
   std::shared_ptr<bus::Bus> bus;
@@ -61,6 +69,7 @@ struct Writer {
 
 void appends(Report& report, const testing_support::RedisServer& redis, const std::string& name, int servers, bool oneLog,
              std::chrono::seconds length) {
+  const double memory = infoOf(redis, "used_memory"), disk = infoOf(redis, "aof_current_size");
   std::vector<Writer> writers(static_cast<std::size_t>(servers));
   for (std::size_t i = 0; i < writers.size(); ++i) {
     writers[i].bus = join(redis);
@@ -83,6 +92,11 @@ void appends(Report& report, const testing_support::RedisServer& redis, const st
   report.add(name + "_per_second", static_cast<double>(all.size()) / seconds, "appends a second");
   report.add(name + "_p50_ms", percentile(all, 0.5), "ms");
   report.add(name + "_p99_ms", percentile(all, 0.99), "ms");
+  if (servers == 1) {
+    const auto count = static_cast<double>(all.size());
+    report.add(name + "_memory_bytes", (infoOf(redis, "used_memory") - memory) / count, "of the engine, an entry");
+    report.add(name + "_disk_bytes", (infoOf(redis, "aof_current_size") - disk) / count, "before it is rewritten");
+  }
   if (oneLog && servers > 1)
     report.add(name + "_behind", static_cast<double>(behind) / static_cast<double>(all.size()), "lost races an append");
 }
