@@ -33,12 +33,11 @@ std::shared_ptr<bus::Bus> join(const testing_support::RedisServer& redis) {
 
 double milliseconds(Steady::duration time) { return std::chrono::duration<double, std::milli>(time).count(); }
 
-// "name:value" of INFO.
-double infoOf(const testing_support::RedisServer& redis, const std::string& name) {
-  const std::string info = redis.command({"INFO"}), line = "\n" + name + ":";
-  const auto at = info.find(line);
-  if (at == info.npos) throw std::runtime_error("the engine does not say its " + name);
-  return std::stod(info.substr(at + line.size()));
+double diskOf(const testing_support::RedisServer& redis) {
+  const std::string info = redis.command({"INFO", "persistence"}), name = "\naof_current_size:";
+  const auto at = info.find(name);
+  if (at == info.npos) throw std::runtime_error("the engine does not say what it has on its disk");
+  return std::stod(info.substr(at + name.size()));
 }
 
 // One server that appends again as soon as it has its answer.
@@ -69,7 +68,7 @@ struct Writer {
 
 void appends(Report& report, const testing_support::RedisServer& redis, const std::string& name, int servers, bool oneLog,
              std::chrono::seconds length) {
-  const double memory = infoOf(redis, "used_memory"), disk = infoOf(redis, "aof_current_size");
+  const double disk = diskOf(redis);
   std::vector<Writer> writers(static_cast<std::size_t>(servers));
   for (std::size_t i = 0; i < writers.size(); ++i) {
     writers[i].bus = join(redis);
@@ -94,8 +93,9 @@ void appends(Report& report, const testing_support::RedisServer& redis, const st
   report.add(name + "_p99_ms", percentile(all, 0.99), "ms");
   if (servers == 1) {
     const auto count = static_cast<double>(all.size());
-    report.add(name + "_memory_bytes", (infoOf(redis, "used_memory") - memory) / count, "of the engine, an entry");
-    report.add(name + "_disk_bytes", (infoOf(redis, "aof_current_size") - disk) / count, "before it is rewritten");
+    const double memory = std::stod(redis.command({"MEMORY", "USAGE", "ridgecast:log:" + name, "SAMPLES", "0"}));
+    report.add(name + "_memory_bytes", memory / count, "of the engine, an entry");
+    report.add(name + "_disk_bytes", (diskOf(redis) - disk) / count, "before it is rewritten");
   }
   if (oneLog && servers > 1)
     report.add(name + "_behind", static_cast<double>(behind) / static_cast<double>(all.size()), "lost races an append");
