@@ -44,7 +44,7 @@ recorded one by its hash.
   --export DIR   Instead, write each camera's flight as a path for ridgecast-client fly --path
   --serve        Instead, play one session in real time to onlookers who join the default session: its members fly and the ground
                  changes as recorded. The session's clock (V in window and page) pauses it, changes its speed and goes to any time;
-                 --from says where it begins
+                 --from says where it begins. It is one server's, whatever the environment says of --shared
   --threads N    Threads; 0, the default: one for each core. They change nothing but the time it takes
   SETTINGS       Those of ridgecast-server that name the terrain, such as --terrain dem.tif, if the recorded name does not suffice; with
                  --serve all, such as --port
@@ -113,7 +113,7 @@ int play(const std::vector<Recordings>& sessions, config::Config config, const O
   config.limits.takesEdits = false;
   config.state.clear();
   config.record.clear();
-  config.shared = {};
+  config.shared = {};  // of the environment or the settings file, as the others
   config.watch = false;
   return serve(config, [&](directory::Directory& directory) -> Outcome<StartServing> {
     auto begun = playback::Playback::begin(sessions[0], directory, directory.find(directory::kDefaultName), options.span.from);
@@ -195,6 +195,8 @@ Outcome<Options> takeOptions(std::vector<const char*>& arguments) {
   options.serves = std::erase_if(arguments, [](std::string_view a) { return a == "--serve"; }) > 0;
   if (options.serves && (folder->has_value() || std::isfinite(options.span.until)))
     return Error{"--serve takes neither --until nor --export; see --help."};
+  if (options.serves && std::any_of(arguments.begin(), arguments.end(), [](std::string_view a) { return a.starts_with("--shared"); }))
+    return Error{"--serve plays a recording on one server, whose clock is the recording's; leave out --shared."};
   return options;
 }
 

@@ -126,6 +126,11 @@ std::vector<std::string> Tokens::missingFrom(const Tokens& other) const {
   return missing;
 }
 
+std::optional<std::string> Tokens::holderOf(const std::string& hash) const {
+  const auto found = byHash_->find(hash);
+  return found == byHash_->end() ? std::nullopt : std::optional(found->second.name);
+}
+
 std::shared_ptr<const Tokens> Tokens::without(const std::vector<std::string>& hashes) const {
   auto fewer = std::make_shared<Tokens>(*this);
   auto byHash = std::make_shared<ByHash>(*byHash_);

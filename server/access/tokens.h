@@ -47,8 +47,9 @@ class Tokens {
   Outcome<JwtGrant> judge(std::string_view token, Time now) const;
 
   std::size_t count() const { return byHash_->size(); }
-  // The tokens of the file, by their hashes: those of this one that another lacks, and this one without some.
+  // The tokens of the file, by their hashes: those of this one that another lacks, whose one is, and this one without some.
   std::vector<std::string> missingFrom(const Tokens& other) const;
+  std::optional<std::string> holderOf(const std::string& hash) const;
   std::shared_ptr<const Tokens> without(const std::vector<std::string>& hashes) const;
 
  private:

@@ -19,6 +19,7 @@ namespace {
 
 constexpr auto kFirstPatience = 6s;  // more than a grace
 constexpr auto kTick = 500ms, kMinPause = 50ms, kMaxPause = 1000ms;
+constexpr auto kMeasureEvery = 10s;
 constexpr std::size_t kSamples = 8;
 constexpr std::size_t kServerBytes = 4;  // at the front of a message: who sent it
 constexpr std::uint32_t kServers = 1u << 20;
@@ -72,6 +73,10 @@ Line::Line(Address address, std::string ca, metrics::Metrics& figures)
       ca_(std::move(ca)),
       connected_(figures.registry.gauge("ridgecast_bus_connected", "1 if the engine of --shared is there.")),
       reconnects_(figures.registry.counter("ridgecast_bus_reconnects_total", "How often the engine of --shared came back.")),
+      awaySeconds_(
+          figures.registry.counter("ridgecast_bus_away_seconds_total", "Seconds without the engine of --shared, after the first.")),
+      memory_(figures.registry.gauge("ridgecast_bus_memory_bytes", "What the engine of --shared uses, as it said last.")),
+      memoryLimit_(figures.registry.gauge("ridgecast_bus_memory_limit_bytes", "What the engine of --shared may use; 0: unlimited.")),
       ownChannel_(channelOf("server", randomName())) {}
 
 std::optional<Error> Line::start() {
@@ -136,7 +141,7 @@ void Line::lost(const Link::Fault& fault) {
   const auto links = {std::exchange(commands_, nullptr), std::exchange(subscriptions_, nullptr)};
   for (const auto& link : links) link->end({});
   if (wasThere) {
-    leftAt_ = Clock::now();
+    leftAt_ = countedTo_ = Clock::now();
     connected_.Set(0);
     logging::warning("the engine at " + address_.text() + " is away: " + fault.why + "; edits wait for it, meshes go on");
   }
@@ -154,8 +159,13 @@ void Line::tick() {
     if (link) link->tick();
   if (stage_ == Stage::kThere) {
     if (!asksTime_) askTime();
+    if (Clock::now() - measuredAt_ >= kMeasureEvery) {
+      measuredAt_ = Clock::now();
+      commands_->send(command({"INFO", "memory"}), [this](const Answer& answer) { measure(answer.reply); });
+    }
     if (subscriptions_->isIdle()) subscriptions_->send(command({"PING"}), [](const Answer&) {});
   }
+  if (stage_ != Stage::kThere && !first_) countAway();
   tick_.expires_after(kTick);
   tick_.async_wait([this](const boost::system::error_code& ec) {
     if (!ec) tick();
@@ -184,6 +194,7 @@ void Line::next() {
         first_.reset();
       } else {
         reconnects_.Increment();
+        countAway();
         const auto away = std::chrono::duration_cast<std::chrono::milliseconds>(Clock::now() - leftAt_);
         logging::info("the engine at " + address_.text() + " is back after " + std::to_string(away.count()) + " ms");
       }
@@ -235,6 +246,19 @@ void Line::checkEngine(const Reply& info) {
   if (valueOf(info.text, "loading") == "1") return lost({"it still loads its data"});
   if (valueOf(info.text, "role") != "master") return lost({"it is a replica; the address must be its master's"});
   engine_ = valueOf(info.text, "run_id");
+  measure(info);
+}
+
+void Line::measure(const Reply& info) {
+  const auto used = text::number<std::uint64_t>(valueOf(info.text, "used_memory")),
+             limit = text::number<std::uint64_t>(valueOf(info.text, "maxmemory"));
+  if (used) memory_.Set(static_cast<double>(*used));
+  if (limit) memoryLimit_.Set(static_cast<double>(*limit));
+}
+
+void Line::countAway() {
+  const auto now = Clock::now();
+  awaySeconds_.Increment(std::chrono::duration<double>(now - std::exchange(countedTo_, now)).count());
 }
 
 void Line::checkSettings(const Reply& settings) {

@@ -79,6 +79,8 @@ class Line final : public std::enable_shared_from_this<Line> {
   void greet();
   void checkEngine(const Reply& info);
   void checkSettings(const Reply& settings);
+  void measure(const Reply& info);  // the engine's memory
+  void countAway();
   void arrive();
   void arrived(const Reply& reply);
   // Sends it, and goes to the next stage after the last of this one.
@@ -97,8 +99,9 @@ class Line final : public std::enable_shared_from_this<Line> {
   const Address address_;
   const std::string ca_;
   metrics::Gauge& connected_;
-  metrics::Counter& reconnects_;
-  const std::string ownChannel_;  // for answers that keep the order of messages
+  metrics::Counter &reconnects_, &awaySeconds_;
+  metrics::Gauge &memory_, &memoryLimit_;  // the engine's, bytes
+  const std::string ownChannel_;           // for answers that keep the order of messages
   std::atomic<std::uint32_t> server_ = 0;
   std::atomic<bool> isAway_ = true, hasEnded_ = false;
   std::atomic<std::int64_t> ahead_ = 0;       // as Sample's
@@ -116,8 +119,10 @@ class Line final : public std::enable_shared_from_this<Line> {
   std::size_t asked_ = 0, opened_ = 0;
   std::shared_ptr<Link> commands_, subscriptions_;
   std::chrono::milliseconds pause_{};
-  Link::Fault fault_;           // the last
-  Clock::time_point leftAt_;    // when it was there last
+  Link::Fault fault_;            // the last
+  Clock::time_point leftAt_;     // when it was there last
+  Clock::time_point countedTo_;  // by awaySeconds_
+  Clock::time_point measuredAt_;
   std::string engine_, known_;  // its run: the one here, and the one that was there last
   bool asksTime_ = false;
   std::deque<Sample> samples_;

@@ -20,6 +20,9 @@ constexpr std::size_t kMaxPasswordBytes = 4096;
 
 const std::vector<double> kAppendSeconds{0.0005, 0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2};
 
+// By Appended::Kind.
+constexpr std::array<const char*, 5> kAppendResults{"done", "refused", "away", "full", "unknown"};
+
 constexpr std::string_view kRecords = "ridgecast:records";
 constexpr const char* kOdd = "The engine between the servers answers as nobody asked it to.";
 constexpr const char* kAway = "The engine between the servers cannot be reached, or too much waits for it; try again soon.";
@@ -94,12 +97,14 @@ struct Redis::Figures {
   explicit Figures(std::shared_ptr<metrics::Metrics> all)
       : metrics(std::move(all)),
         appendSeconds(metrics->registry.histogram("ridgecast_bus_append_seconds",
-                                                  "How long appends to the engine of --shared took, until it answered.", kAppendSeconds)) {}
-
-  void count(const char* call, const char* result) {
-    metrics->registry.counter("ridgecast_bus_calls_total", "Calls to the engine of --shared.", {{"call", call}, {"result", result}})
-        .Increment();
+                                                  "How long appends to the engine of --shared took, until it answered.", kAppendSeconds)) {
+    for (const char* result : kAppendResults) calls("append", result);  // an alert must see the first
   }
+
+  metrics::Counter& calls(const char* call, const char* result) {
+    return metrics->registry.counter("ridgecast_bus_calls_total", "Calls to the engine of --shared.", {{"call", call}, {"result", result}});
+  }
+  void count(const char* call, const char* result) { calls(call, result).Increment(); }
   template <class T>
   void count(const char* call, const Outcome<T>& outcome) {
     count(call, outcome ? "done" : "failed");
@@ -133,9 +138,8 @@ void Redis::append(const std::string& log, std::uint64_t after, std::vector<std:
   std::size_t bytes = 0;
   for (const std::string& entry : entries) bytes += entry.size() + 32;
   auto answered = [f = figures_, done = std::move(done), begun = std::chrono::steady_clock::now()](const Line::Answer& answer) {
-    static constexpr std::array<const char*, 5> kResults{"done", "refused", "away", "full", "unknown"};
     Appended appended = appendedOf(answer);
-    f->count("append", kResults[static_cast<std::size_t>(appended.kind)]);
+    f->count("append", kAppendResults[static_cast<std::size_t>(appended.kind)]);
     if (answer.kind == Line::Answer::Kind::kReply)
       f->appendSeconds.Observe(std::chrono::duration<double>(std::chrono::steady_clock::now() - begun).count());
     done(std::move(appended));

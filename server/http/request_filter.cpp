@@ -41,6 +41,14 @@ Answer unauthorised(std::string sentence, const std::string& error = {}) {
   return refused(401, metrics::Refusal::kToken, std::move(sentence), {{"WWW-Authenticate", R"(Bearer realm="ridgecast")" + error}});
 }
 
+// No line is left out: they are as many as the operator withdraws.
+void audit(const access::Tokens& tokens, const std::vector<std::string>& hashes, const std::string& why) {
+  for (const std::string& hash : hashes)
+    if (const auto holder = tokens.holderOf(hash))
+      logging::info({.holder = *holder, .event = "withdrawn"},
+                    "the token of " + *holder + " (sha256:" + hash.substr(0, 12) + "...) was withdrawn: " + why);
+}
+
 }  // namespace
 
 Needed needed(std::string_view method, std::string_view path) {
@@ -86,7 +94,10 @@ std::optional<Error> RequestFilter::load(std::vector<std::string>* withdrawn, co
     if (!*fetched) failed(fetched->error());
   }
   const std::lock_guard lock(mutex_);
-  if (withdrawn && tokens_) *withdrawn = tokens_->missingFrom(**tokens);
+  if (withdrawn && tokens_) {
+    *withdrawn = tokens_->missingFrom(**tokens);
+    audit(*tokens_, *withdrawn, "it is no longer in '" + settings_.tokens.tokens.string() + "'");
+  }
   if (fetched && *fetched) issuers_ = std::move(**fetched);
   tokens_ = (*tokens)->with(issuers_);
   return {};
@@ -94,7 +105,9 @@ std::optional<Error> RequestFilter::load(std::vector<std::string>* withdrawn, co
 
 void RequestFilter::withdraw(const std::vector<std::string>& hashes) {
   const std::lock_guard lock(mutex_);
-  if (tokens_) tokens_ = tokens_->without(hashes);
+  if (!tokens_) return;
+  audit(*tokens_, hashes, "at another server");
+  tokens_ = tokens_->without(hashes);
 }
 
 void RequestFilter::take(std::vector<access::Key> issuers) {

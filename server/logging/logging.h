@@ -35,7 +35,7 @@ struct About {
   std::string_view peer{};
   std::string_view holder{};  // of the token
   // For machines.
-  std::string_view event{};   // hello, refused, ended
+  std::string_view event{};   // as server/README.md lists them
   std::string_view reason{};  // of a refusal or an end: the label of ridgecast_refusals_total, or left
   std::string_view path{};    // of an HTTP request
   unsigned status = 0;        // of its answer

@@ -71,8 +71,9 @@ void CameraSession::workOnHandOver() {
     bytes = handover::encode(checkpoint, *task_.ground.terrain);
   }
   if (!bytes) return done();
-  session_->resources().bus->hold(recordOf(key_), std::move(*bytes), 0, kCheckpointLife,
-                                  [done](const Outcome<bus::Bus::Held>&) { done(); });
+  const session::Resources& resources = session_->resources();
+  resources.checkpoints->hold(resources.bus, recordOf(key_), std::move(*bytes), resources.timer->now(),
+                              [done](const Outcome<bus::Bus::Held>&) { done(); });
 }
 
 // A record of ours in its place expires soon.

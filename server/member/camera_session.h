@@ -50,7 +50,6 @@ class CameraSession final : public session::LiveCamera, public std::enable_share
 
   // A client that resumes waits this long for an engine that does not answer; a checkpoint waits this long for its client.
   static constexpr std::chrono::milliseconds kCheckpointTimeout{2000};
-  static constexpr std::chrono::seconds kCheckpointLife{60};
   // A camera in free pacing that was granted fewer triangles than it requested looks this often for more. It takes them if there is room
   // twice in a row, so that clients that come back within seconds find what they had, and if they are all that it requested or twice what
   // it has: a mesh begins again for them.

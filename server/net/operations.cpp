@@ -133,6 +133,12 @@ void addOperations(const std::shared_ptr<ServerContext>& shared) {
                    [limit = static_cast<double>(memory::available())] { return limit; });
   gauge("ridgecast_edit_bytes", "The edits of the sessions that live.",
         [](ServerContext& s) { return static_cast<double>(s.directory->resources().editSpace->kept.used()); });
+  gauge("ridgecast_edits_behind", "Edits that other servers made and this one has not applied yet, of the session with the most.",
+        [](ServerContext& s) {
+          std::uint64_t most = 0;
+          for (const auto& session : s.directory->all()) most = std::max(most, session->edits().behind());
+          return static_cast<double>(most);
+        });
   if (const auto& state = shared->directory->resources().state; !state.empty()) shared->figures->watchDisk("state", state);
   gauge("ridgecast_ready", "1 if new streams are accepted.", [](ServerContext& s) -> double { return s.ready ? 1 : 0; });
   registry.compute(

@@ -61,7 +61,6 @@ class ListeningServer final : public Server {
       if (!context) return;
       context->filter.withdraw(hashes);
       for (const auto& stream : context->streams.all()) stream->postJudge();
-      logging::info("refuses " + std::to_string(hashes.size()) + " tokens that were withdrawn at another server");
     });
   }
 

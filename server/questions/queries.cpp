@@ -22,8 +22,8 @@ bool Queries::ask(wire::Query query) {
     const std::lock_guard lock(mutex_);
     if (*open_ >= wire::kMaxQueries) return false;
     ++*open_;
-    auto [terrain, edit] = session_->ground();
-    pending_.push_back(std::make_unique<query::Answering>(std::move(terrain), std::move(query), edit));
+    session::Ground ground = session_->ground();
+    pending_.push_back(std::make_unique<query::Answering>(std::move(ground.terrain), std::move(query), ground.edit));
     if (std::exchange(runs_, true)) return true;
   }
   waitForTurn();

@@ -74,6 +74,11 @@ std::uint64_t EditOrder::own() const {
   return own_;
 }
 
+std::uint64_t EditOrder::behind() const {
+  const std::lock_guard lock(mutex_);
+  return last_ && *last_ > own_ ? *last_ - own_ : 0;
+}
+
 void EditOrder::applied(const Applied& last) {
   if (!isShared()) return;
   const std::lock_guard lock(mutex_);

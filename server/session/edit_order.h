@@ -68,6 +68,8 @@ class EditOrder : public std::enable_shared_from_this<EditOrder> {
   bool isHeldBack() const;  // another server has the turn, or it is not known yet how far the log goes
   bool isCurrent() const;   // it has been where the log ends, or the engine cannot be reached
   std::uint64_t own() const;
+  // Edits that the log had when it was last heard of, and this server has not; 0 without other servers.
+  std::uint64_t behind() const;
 
   struct Decided {
     enum class Kind {

@@ -76,7 +76,8 @@ Edits::Edits(std::shared_ptr<const terrain::Terrain> terrain, scheduling::Execut
   kept_.history.reset();
   space_->kept.take(bytes_, ~std::uint64_t{0});
   if (!order_->isShared()) return;
-  if (hasLast(kept_) && !identityOfLast(kept_)) {
+  ground_.identity = identityOfLast(kept_).value_or(0);
+  if (hasLast(kept_) && ground_.identity == 0) {
     logging::error(kept_.folder + "The last edit cannot be read, so that the session cannot follow other servers; check the log.");
     stopped_ = kCannotFollow;
   }
@@ -398,7 +399,10 @@ void Edits::publish() {
     const std::lock_guard lock(mutex_);
     expects(batch_.made.empty() || (batch_.made.front().number == ground_.edit + 1 && batch_.made.back().number == batch_.next.edit),
             "new ground is that of the edits after the last");
-    if (!batch_.made.empty()) ground_ = std::move(batch_.next);
+    if (!batch_.made.empty()) {
+      ground_ = std::move(batch_.next);
+      if (order_->isShared()) ground_.identity = edit_log::identityOf(batch_.made.back());
+    }
     for (const Applied& m : batch_.made) areas_.push_back(m.ground);
     if (areas_.size() > kRecent) areas_.erase(areas_.begin(), areas_.end() - kRecent);
     expects(waiting_.size() >= group_.size() && std::equal(group_.begin(), group_.end(), waiting_.begin()),

@@ -44,6 +44,7 @@ namespace ridgecast::session {
 struct Ground {
   std::shared_ptr<const terrain::Terrain> terrain;
   std::uint64_t edit = 0;
+  std::uint64_t identity = 0;  // of that edit (edit_log::identityOf), the same on all servers; 0: there is one server, or it was compacted
 };
 
 struct Edit {
@@ -91,6 +92,8 @@ class Edits : public std::enable_shared_from_this<Edits> {
   Ground ground() const;
   // The ground has been that of all servers' edits, or they cannot be reached.
   bool isCurrent() const;
+  // How many edits of other servers this one has yet to apply, as far as it has heard.
+  std::uint64_t behind() const { return order_->behind(); }
   // The ground now, and where it differs from that of `edit`: at most kMaxAreas.
   struct News {
     Ground ground;

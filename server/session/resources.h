@@ -13,6 +13,7 @@
 #include <string>
 #include <vector>
 
+#include "server/bus/brief_records.h"
 #include "server/bus/bus.h"
 #include "server/metrics/metrics.h"
 #include "server/pipeline/pipeline.h"
@@ -70,6 +71,7 @@ struct Resources {
   std::string serverName;
   Limits limits;
   std::shared_ptr<bus::Bus> bus = std::make_shared<bus::Alone>();  // to the other servers of these worlds
+  std::shared_ptr<bus::BriefRecords> checkpoints = std::make_shared<bus::BriefRecords>("checkpoints");  // of cameras that leave
   std::shared_ptr<EditSpace> editSpace = std::make_shared<EditSpace>();
   std::shared_ptr<BudgetsByClient> budgets = std::make_shared<BudgetsByClient>();
   std::shared_ptr<metrics::Metrics> figures = std::make_shared<metrics::Metrics>();

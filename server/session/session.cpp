@@ -116,7 +116,8 @@ Session::Session(std::string name, std::shared_ptr<const terrain::Terrain> terra
 }
 
 std::uint64_t Session::hashOf(const Ground& ground) const {
-  return ground.edit == 0 ? contentHash_ : lattice::mix(contentHash_ + ground.edit) ^ nonce_;
+  if (ground.edit == 0) return contentHash_;
+  return lattice::mix(contentHash_ + ground.edit) ^ (ground.identity != 0 ? ground.identity : nonce_);
 }
 
 void Session::edit(Edit edit, const std::shared_ptr<Budgets>& budgets, std::function<void(const Edits::Answer&)> done) {

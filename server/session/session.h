@@ -54,7 +54,8 @@ class Session {
   void claimBeforeEdits(Claim claim) { claim_ = std::move(claim); }
   const WorldSpec& spec() const { return spec_; }
   std::uint64_t contentHash() const { return contentHash_; }  // of the world, whatever its edits
-  std::uint64_t hashOf(const Ground& ground) const;           // of world and edits: another for other ground
+  // Of world and edits: another for other ground. Equal on all servers with the same ground.
+  std::uint64_t hashOf(const Ground& ground) const;
   const Resources& resources() const { return *resources_; }
   std::uint32_t members() const { return *members_ & ~kEnded; }  // on this server
   // Members on other servers, which count for Limits::maxMembers.
@@ -89,7 +90,7 @@ class Session {
   std::atomic<std::uint64_t> uses_{0};
   std::atomic<bool> isRetired_{false};
   std::uint64_t contentHash_;
-  const std::uint64_t nonce_;  // the next session of this name may give its edits the same numbers
+  const std::uint64_t nonce_;  // without identities: the next session of this name may give its edits the same numbers
   std::shared_ptr<const Resources> resources_;
   std::shared_ptr<std::atomic<std::uint32_t>> members_;
   std::atomic<std::uint32_t> membersElsewhere_{0};

@@ -39,6 +39,8 @@ class Clock {
 };
 
 double median(std::vector<double> values);
+// The value that this share of them lies below, for 1 the largest. NaN of none.
+double percentile(std::vector<double> values, double share);
 
 // The benches, each in the file of its name.
 Report delaunay(const Options&);

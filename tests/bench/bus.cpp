@@ -3,7 +3,6 @@
 //
 // Redis runs beside it with its data in the folder of temporary files: its disk is what is measured. Latency: from the call until its
 // handler is called.
-#include <algorithm>
 #include <atomic>
 #include <chrono>
 #include <condition_variable>
@@ -34,6 +33,13 @@ std::shared_ptr<bus::Bus> join(const testing_support::RedisServer& redis) {
 
 double milliseconds(Steady::duration time) { return std::chrono::duration<double, std::milli>(time).count(); }
 
+double diskOf(const testing_support::RedisServer& redis) {
+  const std::string info = redis.command({"INFO", "persistence"}), name = "\naof_current_size:";
+  const auto at = info.find(name);
+  if (at == info.npos) throw std::runtime_error("the engine does not say what it has on its disk");
+  return std::stod(info.substr(at + name.size()));
+}
+
 // One server that appends again as soon as it has its answer.
 struct Writer {
   std::shared_ptr<bus::Bus> bus;
@@ -62,6 +68,7 @@ struct Writer {
 
 void appends(Report& report, const testing_support::RedisServer& redis, const std::string& name, int servers, bool oneLog,
              std::chrono::seconds length) {
+  const double disk = diskOf(redis);
   std::vector<Writer> writers(static_cast<std::size_t>(servers));
   for (std::size_t i = 0; i < writers.size(); ++i) {
     writers[i].bus = join(redis);
@@ -81,10 +88,15 @@ void appends(Report& report, const testing_support::RedisServer& redis, const st
     all.insert(all.end(), writer.took.begin(), writer.took.end());
     behind += writer.behind;
   }
-  std::sort(all.begin(), all.end());
   report.add(name + "_per_second", static_cast<double>(all.size()) / seconds, "appends a second");
-  report.add(name + "_p50_ms", all[all.size() / 2], "ms");
-  report.add(name + "_p99_ms", all[all.size() * 99 / 100], "ms");
+  report.add(name + "_p50_ms", percentile(all, 0.5), "ms");
+  report.add(name + "_p99_ms", percentile(all, 0.99), "ms");
+  if (servers == 1) {
+    const auto count = static_cast<double>(all.size());
+    const double memory = std::stod(redis.command({"MEMORY", "USAGE", "ridgecast:log:" + name, "SAMPLES", "0"}));
+    report.add(name + "_memory_bytes", memory / count, "of the engine, an entry");
+    report.add(name + "_disk_bytes", (diskOf(redis) - disk) / count, "before it is rewritten");
+  }
   if (oneLog && servers > 1)
     report.add(name + "_behind", static_cast<double>(behind) / static_cast<double>(all.size()), "lost races an append");
 }
@@ -119,9 +131,8 @@ void messages(Report& report, const testing_support::RedisServer& redis, int cou
     from->tell("bench", std::string(128'000, 'm'));
     changed.wait(lock, [&] { return took.size() == 3 * static_cast<std::size_t>(i + 1); });
   }
-  std::sort(took.begin(), took.end());
-  report.add("message_p50_ms", took[took.size() / 2], "ms, 128 kB to 3 servers");
-  report.add("message_p99_ms", took[took.size() * 99 / 100], "ms");
+  report.add("message_p50_ms", percentile(took, 0.5), "ms, 128 kB to 3 servers");
+  report.add("message_p99_ms", percentile(took, 0.99), "ms");
 }
 
 }  // namespace

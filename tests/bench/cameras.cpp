@@ -16,7 +16,6 @@
 #include <fstream>
 #include <map>
 #include <memory>
-#include <sstream>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -52,32 +51,6 @@ void fly(Line& line, int index, const Plan& plan, const terrain::Terrain& terrai
   const double t = plan.rest ? 0 : line.age(), yaw = index * 2.399963;
   line.pose(testing_support::cameraAt(terrain, 1000.0 * (index % 8) - 50 * t * std::sin(yaw),
                                       1000.0 * static_cast<int>(index / 8) - 50 * t * std::cos(yaw), 120, yaw, -0.15));
-}
-
-struct Use {
-  double cpuSeconds = 0, mib = 0;
-};
-Use useOf(pid_t pid) {
-  Use use;
-  std::ifstream stat("/proc/" + std::to_string(pid) + "/stat");
-  std::string text((std::istreambuf_iterator<char>(stat)), {});
-  std::istringstream fields(text.substr(text.rfind(')') + 2));
-  std::string skip;
-  for (int k = 0; k < 11; ++k) fields >> skip;
-  double user = 0, system = 0;
-  fields >> user >> system;
-  use.cpuSeconds = (user + system) / static_cast<double>(sysconf(_SC_CLK_TCK));
-  std::ifstream statm("/proc/" + std::to_string(pid) + "/statm");
-  double total = 0, resident = 0;
-  statm >> total >> resident;
-  use.mib = resident * static_cast<double>(sysconf(_SC_PAGESIZE)) / (1 << 20);
-  return use;
-}
-
-double percentile(std::vector<double> values, double share) {
-  if (values.empty()) return std::nan("");
-  std::sort(values.begin(), values.end());
-  return values[std::min(values.size() - 1, static_cast<std::size_t>(share * static_cast<double>(values.size())))];
 }
 
 Report measure(const Plan& plan, const Options& options) {
@@ -132,7 +105,7 @@ Report measure(const Plan& plan, const Options& options) {
     if (!measuring && now >= warm) {
       measuring = true;
       measuredFrom = now;
-      serverCpu = useOf(pid).cpuSeconds;
+      serverCpu = cpuSeconds(pid);
       ownCpu = cpuSeconds();
       for (auto& line : lines) line->restart();
     }
@@ -141,7 +114,7 @@ Report measure(const Plan& plan, const Options& options) {
     serve(!plan.rest);
   }
   const double seconds = clock.seconds() - measuredFrom;
-  const Use use = useOf(pid);
+  const double serverUsed = cpuSeconds(pid) - serverCpu, generatorUsed = cpuSeconds() - ownCpu;
   Report report;
   std::vector<double> rates, latencies, thresholds, bytes, coarse;
   double sum = 0, squares = 0, encode = 0, total = 0, settled = 0;
@@ -166,9 +139,9 @@ Report measure(const Plan& plan, const Options& options) {
   report.add("threshold_p50_px", percentile(thresholds, 0.5), "px");
   report.add("threshold_p99_px", percentile(thresholds, 0.99), "px");
   report.add("fairness", squares > 0 ? sum * sum / (static_cast<double>(rates.size()) * squares) : 1);
-  report.add("server_rss_mib", use.mib, "MiB");
-  report.add("server_cores", (use.cpuSeconds - serverCpu) / seconds);
-  report.add("generator_cores", (cpuSeconds() - ownCpu) / seconds);
+  report.add("server_rss_mib", residentBytes(pid) / (1 << 20), "MiB");
+  report.add("server_cores", serverUsed / seconds);
+  report.add("generator_cores", generatorUsed / seconds);
   report.add("bytes_per_second", median(bytes), "B/s");
   report.add("encode_share", total > 0 ? encode / total : 0);
   report.add("first_view_ms", median(coarse), "ms");

@@ -107,10 +107,8 @@ Picture judge(const std::vector<Hit>& hits, const Heights& heights) {
       pixels.push_back(std::abs(*heights[k] - hits[k].y) * hits[k].pixels);
     else
       ++out.holes;
-  std::ranges::sort(pixels);
-  if (pixels.empty()) return out;
-  out.p99 = pixels[(pixels.size() - 1) * 99 / 100];
-  out.most = pixels.back();
+  out.p99 = percentile(pixels, 0.99);
+  out.most = percentile(pixels, 1);
   return out;
 }
 

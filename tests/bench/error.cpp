@@ -59,12 +59,6 @@ Settled settle(const std::shared_ptr<const terrain::Terrain>& terrain, const cam
   return out;
 }
 
-double percentile(std::vector<double> v, double p) {  // NaN of none
-  if (v.empty()) return NAN;
-  std::sort(v.begin(), v.end());
-  return v[static_cast<std::size_t>(p * static_cast<double>(v.size() - 1))];
-}
-
 double mean(const std::vector<double>& v) {
   double sum = 0;
   for (double x : v) sum += x;

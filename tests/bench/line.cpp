@@ -10,6 +10,7 @@
 #include <stdexcept>
 
 #include "common/wire/wire.h"
+#include "tests/bench/frames.h"
 
 namespace ridgecast::bench {
 
@@ -65,24 +66,11 @@ void Line::receive() {
     frame(2, wire::encode(wire::ClientMessage(hello)));
   }
   std::size_t at = 0;
-  for (;;) {
-    const auto byte = [&](std::size_t k) { return static_cast<std::uint64_t>(static_cast<unsigned char>(in_[at + k])); };
-    if (in_.size() - at < 2) break;
-    std::size_t head = 2;
-    std::uint64_t length = byte(1) & 127;
-    const std::size_t extra = length == 126 ? 2 : length == 127 ? 8 : 0;
-    if (in_.size() - at < 2 + extra) break;
-    if (extra) {
-      length = 0;
-      for (std::size_t k = 0; k < extra; ++k) length = length << 8 | byte(2 + k);
-    }
-    head += extra;
-    if (in_.size() - at < head + length) break;
-    const auto opcode = byte(0) & 15;
-    if (opcode == 2) take({reinterpret_cast<const std::uint8_t*>(in_.data()) + at + head, length});
-    if (opcode == 9) frame(10, in_.substr(at + head, length));
-    if (opcode == 8) throw std::runtime_error("the server closed " + name_ + ": " + in_.substr(at + head + 2, length - 2));
-    at += head + length;
+  while (const auto next = firstFrame(std::string_view(in_).substr(at))) {
+    at += next->bytes;
+    if (next->opcode == 2) take({reinterpret_cast<const std::uint8_t*>(next->payload.data()), next->payload.size()});
+    if (next->opcode == 9) frame(10, next->payload);
+    if (next->opcode == 8) throw std::runtime_error("the server closed " + name_ + ": " + std::string(next->payload.substr(2)));
   }
   in_.erase(0, at);
 }
@@ -116,18 +104,7 @@ void Line::take(std::span<const std::uint8_t> payload) {
   frame(2, wire::encode(wire::ClientMessage(wire::Acknowledge{it->number, it->meshHash})));
 }
 
-void Line::frame(int opcode, const std::string& payload) {
-  std::string out(1, static_cast<char>(0x80 | opcode));
-  if (payload.size() < 126) {
-    out += static_cast<char>(0x80 | payload.size());
-  } else {
-    out += static_cast<char>(0x80 | 126);
-    out += static_cast<char>(payload.size() >> 8);
-    out += static_cast<char>(payload.size());
-  }
-  out.append(4, '\0');  // the mask
-  write(out + payload);
-}
+void Line::frame(int opcode, std::string_view payload) { write(maskedFrame(opcode, payload)); }
 
 void Line::write(std::string_view out) {
   while (!out.empty()) {

@@ -41,7 +41,7 @@ class Line {
 
  private:
   void take(std::span<const std::uint8_t> payload);
-  void frame(int opcode, const std::string& payload);
+  void frame(int opcode, std::string_view payload);
   void write(std::string_view out);
 
   const std::string name_;

@@ -17,7 +17,6 @@
 #include <cerrno>
 #include <cmath>
 #include <cstring>
-#include <fstream>
 #include <map>
 #include <memory>
 #include <random>
@@ -29,6 +28,7 @@
 #include "common/wire/wire.h"
 #include "server/session/presence.h"
 #include "tests/bench/bench.h"
+#include "tests/bench/frames.h"
 #include "tests/bench/usage.h"
 #include "tests/support/bytes.h"
 #include "tests/support/server_process.h"
@@ -176,32 +176,18 @@ class Client {
  private:
   void takeFrames() {
     std::size_t at = 0;
-    for (;;) {
-      if (in_.size() - at < 2) break;
-      const auto byte = [&](std::size_t k) { return static_cast<std::uint64_t>(static_cast<unsigned char>(in_[at + k])); };
-      std::uint64_t length = byte(1);
-      std::size_t header = 2;
-      if (length == 126) header = 4;
-      if (length == 127) header = 10;
-      if (in_.size() - at < header) break;
-      if (header > 2) {
-        length = 0;
-        for (std::size_t k = 2; k < header; ++k) length = length << 8 | byte(k);
-      }
-      if (in_.size() - at < header + length) break;
-      const std::string payload = in_.substr(at + header, length);
-      const int opcode = static_cast<int>(byte(0) & 15);
-      at += header + length;
-      bytes += header + length;
+    while (const auto next = firstFrame(std::string_view(in_).substr(at))) {
+      at += next->bytes;
+      bytes += next->bytes;
       ++messages;
-      if (opcode == 9) frame(10, payload);
-      if (opcode == 8) throw std::runtime_error("the server ends the stream: " + payload.substr(2));
-      if (opcode == 2 && decodes_) take(payload);
+      if (next->opcode == 9) frame(10, next->payload);
+      if (next->opcode == 8) throw std::runtime_error("the server ends the stream: " + std::string(next->payload.substr(2)));
+      if (next->opcode == 2 && decodes_) take(next->payload);
     }
     in_.erase(0, at);
   }
-  void take(const std::string& payload) {
-    const auto message = wire::decodeServer(testing_support::bytesOf(payload));
+  void take(std::string_view payload) {
+    const auto message = wire::decodeServer({reinterpret_cast<const std::uint8_t*>(payload.data()), payload.size()});
     if (!message) throw std::runtime_error(message.error().message);
     if (const auto* error = std::get_if<wire::ErrorMessage>(&*message)) throw std::runtime_error(error->message);
     const auto* members = std::get_if<wire::Members>(&*message);
@@ -216,18 +202,7 @@ class Client {
       delays.push_back(static_cast<double>(Time::now().time_since_epoch().count() - sent) * 1e-6);
     }
   }
-  // With a mask of zeros.
-  void frame(int opcode, const std::string& payload) {
-    std::string out(1, static_cast<char>(0x80 | opcode));
-    if (payload.size() < 126) {
-      out += static_cast<char>(0x80 | payload.size());
-    } else {
-      out += static_cast<char>(0x80 | 126);
-      out += static_cast<char>(payload.size() >> 8);
-      out += static_cast<char>(payload.size());
-    }
-    write(out + std::string(4, '\0') + payload);
-  }
+  void frame(int opcode, std::string_view payload) { write(maskedFrame(opcode, payload)); }
   void write(const std::string& out) {
     if (::send(socket_, out.data(), out.size(), MSG_NOSIGNAL) != static_cast<ssize_t>(out.size()))
       throw std::runtime_error("cannot send: " + std::string(std::strerror(errno)));
@@ -240,17 +215,6 @@ class Client {
   bool open_ = false;
   std::string in_, hello_;
 };
-
-double secondsOf(pid_t pid) {
-  std::ifstream stat("/proc/" + std::to_string(pid) + "/stat");
-  std::string text((std::istreambuf_iterator<char>(stat)), {});
-  std::istringstream fields(text.substr(text.rfind(')') + 2));
-  std::string skip;
-  for (int k = 0; k < 11; ++k) fields >> skip;
-  double user = 0, system = 0;
-  fields >> user >> system;
-  return (user + system) / static_cast<double>(sysconf(_SC_CLK_TCK));
-}
 
 void measureServer(const Town& plan, const Options& options, Report& report) {
   rlimit files{};
@@ -278,7 +242,7 @@ void measureServer(const Town& plan, const Options& options, Report& report) {
     if (measuredFrom == 0 && now >= warm) {
       measuredFrom = now;
       own = cpuSeconds();
-      if (server) cpu = secondsOf(server->process().id());
+      if (server) cpu = cpuSeconds(server->process().id());
       for (const auto& client : clients) client->bytes = client->messages = 0, client->delays.clear();
     }
     if (measuredFrom != 0 && now - measuredFrom >= plan.seconds) break;
@@ -305,17 +269,16 @@ void measureServer(const Town& plan, const Options& options, Report& report) {
     delays.insert(delays.end(), client->delays.begin(), client->delays.end());
     messages += static_cast<double>(client->messages) / seconds / plan.count;
   }
-  std::ranges::sort(delays);
   report.add("bytes_per_second", median(rates), "B/s a client");
   report.add("bytes_per_second_worst", std::ranges::max(rates), "B/s a client");
   report.add("messages_per_second", messages, "a client");
-  if (server) report.add("server_cores", (secondsOf(server->process().id()) - cpu) / seconds);
+  if (server) report.add("server_cores", (cpuSeconds(server->process().id()) - cpu) / seconds);
   report.add("generator_cores", (cpuSeconds() - own) / seconds);
   report.add("others", clients.front()->others, "as told");
   if (!delays.empty()) {
-    report.add("near_p50_ms", delays[delays.size() / 2], "ms");
-    report.add("near_p99_ms", delays[delays.size() * 99 / 100], "ms");
-    report.add("near_worst_ms", delays.back(), "ms");
+    report.add("near_p50_ms", percentile(delays, 0.5), "ms");
+    report.add("near_p99_ms", percentile(delays, 0.99), "ms");
+    report.add("near_worst_ms", percentile(delays, 1), "ms");
   }
   clients.clear();
   ::close(poll);

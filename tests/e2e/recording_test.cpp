@@ -232,7 +232,9 @@ TEST_F(RecordingEndToEnd, OnlookersSeeItsMembersAndItsGround) {
     }
     EXPECT_EQ(server.stop(), 0);
   }
-  const ServerProcess player(RIDGECAST_SERVER, {"replay", recordings.string(), "--serve"});
+  // It is played on this server alone, without the engine of the environment's others.
+  const ServerProcess player(RIDGECAST_SERVER, {"replay", recordings.string(), "--serve"}, 0,
+                             {{"RIDGECAST_SHARED", "redis://127.0.0.1:1"}});
   wire::Hello hello;
   hello.members = hello.clock = hello.edits = true;
   const auto url = core::parseUrl(player.url()).value();
@@ -388,6 +390,14 @@ TEST_F(RecordingEndToEnd, SaysWhatItWants) {
   }
   for (const char* other : {"--until", "--export"})
     EXPECT_THAT(replay({"/nowhere", "--serve", other, "5"}).output, HasSubstr("--serve takes neither --until nor --export"));
+  for (const std::vector<std::string>& shared :
+       {std::vector<std::string>{"--shared", "redis://127.0.0.1"}, {"--shared=redis://127.0.0.1"}, {"--shared-ca", "/nowhere"}}) {
+    std::vector<std::string> arguments{"/nowhere", "--serve"};
+    arguments.insert(arguments.end(), shared.begin(), shared.end());
+    const Finished refused = replay(arguments);
+    EXPECT_EQ(refused.code, 2);
+    EXPECT_THAT(refused.output, HasSubstr("--serve plays a recording on one server, whose clock is the recording's; leave out --shared."));
+  }
   EXPECT_THAT(replay({"--help"}).output, testing::StartsWith("Usage: ridgecast-server replay FILE|DIR"));
 }
 

@@ -122,6 +122,26 @@ TEST_F(SharedEdits, NeedAFolderForEachServer) {
   EXPECT_THAT(second.output, HasSubstr("is another server's; with --shared each server has a folder of its own"));
 }
 
+// A browser that a balancer sends elsewhere has the files still.
+TEST_F(SharedEdits, GiveEqualFilesEqualTags) {
+  make(0);
+  for (const std::string file :
+       {"heights/14/8192/8192.png?at=0,0", "3dtiles/tileset.json", "snapshot.glb?x0=0&z0=0&x1=100&z1=100&error=2"}) {
+    SCOPED_TRACE(file);
+    const std::string line = "GET /v1/sessions/default/" + file;
+    const auto awaited = [&] { return "Ridgecast-Edit: " + std::to_string(made.size()) + "\r\n"; };
+    const auto tagOf = [](const std::string& answer) {
+      const auto at = answer.find("\r\nETag: ");
+      return at == answer.npos ? "" : answer.substr(at + 8, answer.find("\r\n", at + 2) - at - 8);
+    };
+    const std::string tag = tagOf(say(0, line, "", awaited()));
+    EXPECT_FALSE(tag.empty());
+    EXPECT_THAT(say(1, line, "", awaited() + "If-None-Match: " + tag + "\r\n"), HasSubstr(" 304 "));
+    make(static_cast<int>(made.size()));
+    EXPECT_NE(tagOf(say(1, line, "", awaited())), tag) << "another ground";
+  }
+}
+
 TEST_F(SharedEdits, AreAwaited) {
   make(0);
   const std::string late = say(1, "GET /v1/heights?at=0,0", "", "Ridgecast-Edit: 7\r\n");

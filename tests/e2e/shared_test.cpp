@@ -3,6 +3,8 @@
 #include <gtest/gtest.h>
 
 #include <chrono>
+#include <regex>
+#include <set>
 
 #include "client/world/world.h"
 #include "tests/e2e/operator.h"
@@ -31,6 +33,7 @@ TEST(Shared, AServerSaysWhetherItsEngineIsThere) {
   redis.start();
   EXPECT_TRUE(await([&] { return get(server.port(), "/readyz") == "ready\n"; }));
   EXPECT_EQ(scrape(server.port())["ridgecast_bus_reconnects_total"], 1);
+  EXPECT_GT(scrape(server.port())["ridgecast_bus_away_seconds_total"], 0);
   EXPECT_EQ(server.stop(), 0);
   EXPECT_THAT(server.process().output(), testing::AllOf(HasSubstr(" is away: "), HasSubstr(" is back after ")));
   ServerProcess second(RIDGECAST_SERVER, {}, 0, {{"RIDGECAST_SHARED", redis.url()}});
@@ -58,6 +61,29 @@ TEST(Shared, StepsWithoutTheEngineAreRefused) {
   ASSERT_TRUE(await([&] { return get(server.port(), "/readyz") == "ready\n"; }));
   ASSERT_TRUE(step());
   EXPECT_EQ(owner.clock().said().step, 2u);
+}
+
+TEST(Shared, AServerSaysHowFullItsEngineIsAndWhatDashboardAndAlertsAsk) {
+  if (!RedisServer::exists()) GTEST_SKIP() << "redis-server is not installed";
+  RedisServer redis({"--maxmemory", "64mb"});
+  const ServerProcess server(RIDGECAST_SERVER, {"--shared", redis.url()});
+  auto now = scrape(server.port());
+  const double atFirst = now["ridgecast_bus_memory_bytes"];
+  EXPECT_GT(atFirst, 100'000);
+  EXPECT_EQ(now["ridgecast_bus_memory_limit_bytes"], 64 << 20);
+  EXPECT_EQ(now["ridgecast_bus_away_seconds_total"], 0);
+  EXPECT_EQ(now.count("ridgecast_bus_calls_total{call=\"append\",result=\"full\"}"), 1u) << "an alert sees the first";
+  std::set<std::string> names;
+  for (const auto& [name, value] : now) names.insert(name.substr(0, name.find('{')));
+  const std::string asked =
+      readText(RIDGECAST_DOCKER "/grafana/dashboards/ridgecast.json") + readText(RIDGECAST_DOCKER "/prometheus/rules.yml");
+  const std::regex figure("ridgecast_bus_[a-z_]+");
+  int found = 0;
+  for (auto at = std::sregex_iterator(asked.begin(), asked.end(), figure); at != std::sregex_iterator(); ++at, ++found)
+    EXPECT_TRUE(names.contains(at->str())) << at->str();
+  EXPECT_GT(found, 10);
+  redis.command({"SET", "ballast", std::string(100'000, 'b')});
+  EXPECT_TRUE(await([&] { return scrape(server.port())["ridgecast_bus_memory_bytes"] > atFirst + 100'000; })) << "every 10 s";
 }
 
 TEST(Shared, AServerWithoutItsEngineDoesNotStart) {

@@ -114,7 +114,7 @@ TEST_F(SharedWorlds, ATokenWithdrawnOnOneServerEndsItsStreamsOnAll) {
   const std::string token = made.output.substr(made.output.find("rc_"), 46);
   ASSERT_EQ(runProgram({RIDGECAST_SERVER, "token", "--token-file", files[0], "--holder", "other"}).code, 0);
   std::filesystem::copy(files[0], files[1]);
-  const auto a = start({"--token-file", files[0]}), b = start({"--token-file", files[1]});
+  const auto a = start({"--token-file", files[0], "--log-level", "info"}), b = start({"--token-file", files[1], "--log-level", "info"});
   const std::string bearer = "Authorization: Bearer " + token + "\r\n";
   SocketClient stream(b->port());
   ASSERT_TRUE(stream.upgrade("/v1/stream?session=default", bearer)) << stream.refusal();
@@ -123,6 +123,8 @@ TEST_F(SharedWorlds, ATokenWithdrawnOnOneServerEndsItsStreamsOnAll) {
   a->process().signal(SIGHUP);
   EXPECT_EQ(stream.awaitClose(), 1008);
   EXPECT_EQ(statusOf(ask(b->port(), "GET /v1/terrains", "", bearer)), 401);
+  EXPECT_THAT(a->process().output(), HasSubstr("...) was withdrawn: it is no longer in '" + files[0].string() + "'"));
+  EXPECT_THAT(b->process().output(), AllOf(HasSubstr("the token of lab (sha256:"), HasSubstr("...) was withdrawn: at another server")));
   b->process().signal(SIGHUP);
   EXPECT_TRUE(await([&] { return statusOf(ask(b->port(), "GET /v1/terrains", "", bearer)) == 200; })) << "its own file has it still";
 }

@@ -37,6 +37,8 @@ TEST_F(TokensTest, TellsWhatAnotherFileLacksAndGoesOnWithoutIt) {
   EXPECT_TRUE(after->missingFrom(*before).empty());
   const auto lost = before->missingFrom(*after);
   ASSERT_EQ(lost.size(), 1u);
+  EXPECT_EQ(before->holderOf(lost[0]), "lab");
+  EXPECT_EQ(after->holderOf(lost[0]), std::nullopt);
   EXPECT_THAT(lab.line, testing::EndsWith(lost[0]));
   const auto fewer = before->without(lost);
   EXPECT_EQ(fewer->judge(lab.token, kNow).error().message, "The token is not known here.");

@@ -462,6 +462,40 @@ TEST_F(SharedSessions, EditsKeepANameForTheirGround) {
   EXPECT_EQ(find(1, "site")->spec().seed, 7u);
 }
 
+// A browser's cache survives the balancer, and a server's restart; and nothing else has the name of what it holds.
+TEST_F(SharedSessions, EqualGroundHasOneHashAndOtherGroundAnother) {
+  const testing_support::ScratchFolder folder;
+  start({}, 1, folder / "first"), start({}, 1, folder / "second");
+  const auto edit = [&](int server, double x) {
+    const auto session = find(server, "default");
+    session->edit({"", "ann", testing_support::craterAt(x)}, session->budgetsOf("x"), [](const auto& number) { EXPECT_TRUE(number); });
+    pass(1s);
+    return session->hashOf(session->ground());
+  };
+  const auto hashOn = [&](int server) {
+    const auto session = find(server, "default");
+    return session->hashOf(session->ground());
+  };
+  const std::uint64_t before = hashOn(0), first = edit(0, 0);
+  EXPECT_NE(first, before);
+  EXPECT_EQ(hashOn(1), first);
+  const std::uint64_t second = edit(1, 20);
+  EXPECT_NE(second, first);
+  EXPECT_EQ(hashOn(0), second);
+  servers[0].reset();
+  start({}, 1, folder / "first"), start({}, 1, folder / "third");
+  EXPECT_EQ(hashOn(2), second) << "restarted, with its own edits";
+  EXPECT_EQ(hashOn(3), second) << "with those of the log";
+  for (int server : {1, 3}) engine.cut(busOf(server));
+  const std::uint64_t third = edit(2, 40);
+  engine.cut(busOf(2));
+  engine.loseEnd("default", 1);
+  for (int server : {1, 3}) engine.mend(busOf(server));
+  pass(3s);
+  EXPECT_NE(edit(1, 60), third) << "another edit has its number";
+  EXPECT_EQ(hashOn(1), hashOn(3));
+}
+
 TEST_F(SharedSessions, GoOnWhileTheEngineIsAwayAndNoneIsMade) {
   start(), start();
   stream(0, "alps&terrain=flat");

@@ -252,8 +252,23 @@ TEST_F(Moving, WithoutItsCheckpointAMeshBeginsAnew) {
     guest.leave();
     engine.start();
     engine.slow(0s);
-    timer.advance(5s);
+    timer.advance(2 * bus::BriefRecords::kLife + bus::BriefRecords::kDelay);
   }
+}
+
+TEST_F(Moving, BeginsAnewWhereTheEngineHasNoRoomForMoreMeshes) {
+  const auto others = engine.connect();
+  for (int k = 0; k < bus::BriefRecords::kShares; ++k)
+    others->hold("share/checkpoints/" + std::to_string(k), "others", 0, 60s, [](const Outcome<bus::Bus::Held>& h) { ASSERT_TRUE(h); });
+  timer.advance(0s);
+  Server a(engine.connect()), b(engine.connect());
+  Guest guest(timer);
+  guest.enter(a);
+  ASSERT_TRUE(guest.settles());
+  ASSERT_TRUE(guest.handOver()) << "it leaves all the same";
+  guest.enter(b);
+  ASSERT_TRUE(guest.settles());
+  EXPECT_FALSE(bringsNothing(guest.iterations.front()));
 }
 
 TEST_F(Moving, ACheckpointServesOnce) {

@@ -212,6 +212,18 @@ TEST(SharedEdits, OfOneServerAreThoseOfAll) {
   }
 }
 
+TEST(SharedEdits, SayHowFarBehindAServerIs) {
+  Rig rig(2);
+  EXPECT_EQ(rig[1].edits->behind(), 0u);
+  const auto first = rig[0].ask(craterAt(0)), second = rig[0].ask(craterAt(50));
+  for (int k = 0; k < 20; ++k) rig[0].work(), rig.world.timer.advance(1ms);  // the other hears of them, and does nothing yet
+  ASSERT_TRUE(*first && *second);
+  EXPECT_EQ(rig[0].edits->behind(), 0u);
+  EXPECT_EQ(rig[1].edits->behind(), 2u);
+  rig.run(50ms);
+  EXPECT_EQ(rig[1].edits->behind(), 0u);
+}
+
 TEST(SharedEdits, ThatRaceAreAllMade) {
   Rig rig(4);
   rig.world.engine.slow(3ms, 2ms);
