@@ -52,7 +52,7 @@ class FileTerrain final : public terrain::Terrain {
   const std::string file_;
 };
 
-class TestTimer final : public session::Timer {  // of all servers
+class TestTimer final : public scheduling::Timer {  // of all servers
  public:
   explicit TestTimer(const SimulatedTimer& all) : all_(all) {}
   Time now() const override { return all_.now(); }
