@@ -1,6 +1,6 @@
 #pragma once
-// What servers keep and tell each other of a session's clock, as bytes: kFormat, then fields in the order of the structs, all as
-// varints (common/codec/varint.h), doubles by their bits, sets as their size and differences.
+// What servers keep and tell each other of a session's clock, as bytes: kFormat, then fields in the order of the structs
+// (common/codec/fields.h), sets as their size and differences.
 
 #include <cstdint>
 #include <map>
