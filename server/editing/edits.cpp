@@ -29,8 +29,6 @@ Edits::Answer ofAnother(std::uint64_t number) {
                "; give this one a key of its own."};
 }
 
-Edits::Answer over() { return Edits::refusal(Edits::Answer::Why::kOver, "The session has ended; join it again, and send the edit there."); }
-
 Edits::Answer outOfMemory() {
   return full("The server ran out of memory at this edit, and has not made it; send a smaller one, or send it later.");
 }
@@ -99,6 +97,8 @@ Edits::Answer Edits::refusal(Answer::Why why, std::string sentence) {
   out.why = why;
   return out;
 }
+
+Edits::Answer Edits::over() { return refusal(Answer::Why::kOver, "The session has ended; join it again, and send the edit there."); }
 
 Edits::Answer Edits::away() {
   return refusal(Answer::Why::kEarly,
@@ -460,50 +460,6 @@ void Edits::proceed() {
     pool_->post([self = shared_from_this()] { self->make(); });
   } else {
     disk_->post([self = shared_from_this()] { self->lookUp(); });
-  }
-}
-
-// ---- reading ----
-
-void Edits::read(std::uint64_t after, std::size_t most, Read read) {
-  expects(read != nullptr, "what is read goes to somebody");
-  const std::lock_guard lock(mutex_);
-  if (readings_.empty()) disk_->post([self = shared_from_this()] { self->readAll(); });
-  readings_.push_back({after, most, std::move(read)});
-}
-
-void Edits::copy(std::size_t most, std::function<void(Outcome<std::string>)> take) {
-  expects(take != nullptr, "a copy goes to somebody");
-  const bool posted = disk_->post([self = shared_from_this(), most, take] {
-    if (!self->kept_.makeStore) return take(over().error());
-    if (!self->kept_.store) return take(Error{"This session has no edits yet."});
-    take(self->kept_.store->copy(most));
-  });
-  if (!posted) take(Error{"Too much waits for the disk; ask again in a moment."});
-}
-
-void Edits::readAll() {
-  std::vector<Reading> readings;
-  std::uint64_t last = 0;
-  {
-    const std::lock_guard lock(mutex_);
-    readings.swap(readings_);
-    last = ground_.edit;
-  }
-  for (const Reading& r : readings) {
-    if (!kept_.makeStore) {
-      r.read(over().error());
-    } else if (!kept_.store) {
-      r.read(std::vector<Applied>());
-    } else {
-      auto edits = kept_.store->read(r.after, r.most);
-      if (!edits) {
-        r.read(told(edits.error()));
-        continue;
-      }
-      while (!edits->empty() && edits->back().number > last) edits->pop_back();  // kept, and not in the ground yet
-      r.read(std::move(edits));
-    }
   }
 }
 

@@ -75,8 +75,8 @@ class Edits : public std::enable_shared_from_this<Edits> {
     // The session cannot go on on this server, and has ended; called once, by a task.
     std::function<void()> left = [] {};
   };
-  // `changed` is called after each change of the ground, `made` for each edit that is kept, before anybody has its ground. Executors as
-  // Resources::executor and disk, `turn` as Limits::turn.
+  // `changed` is called after each change of the ground, `made` for each edit that is kept, before anybody has its ground. `disk`
+  // does what waits for the disk. `turn`: of work, before others have theirs.
   using Made = std::function<void(const Applied&)>;
   Edits(std::shared_ptr<const terrain::Terrain> terrain, scheduling::Executor& executor, scheduling::Executor& disk,
         std::shared_ptr<EditSpace> space, std::function<void()> changed, Kept kept, Made made = {},
@@ -126,6 +126,7 @@ class Edits : public std::enable_shared_from_this<Edits> {
  private:
   static constexpr char kCannotFollow[] = "The session takes no edits on this server, which cannot follow the others; connect to another.";
   static Answer away();
+  static Answer over();
 
   struct Waiting {
     const Applied asked;  // with the whole key; its number, time and ground are not known yet
