@@ -230,7 +230,7 @@ int serve(const config::Config& config, const sigset_t& signals, const BeginServ
   resources->limits = config.limits;
   resources->state = config.state;
   if (recorder)
-    resources->record = [r = recorder.get()](recording::World world, std::vector<recording::Edited> past, session::Timer::Time now) {
+    resources->record = [r = recorder.get()](recording::World world, std::vector<recording::Edited> past, scheduling::Timer::Time now) {
       return r->begin(std::move(world), std::move(past), now);
     };
   struct Shared {

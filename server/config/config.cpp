@@ -14,6 +14,7 @@
 #include "server/config/token_command.h"
 #include "server/memory/memory.h"
 #include "server/net/fetch.h"
+#include "server/presence/presence.h"
 
 namespace ridgecast::config {
 
@@ -136,7 +137,7 @@ void addAccess(CLI::App& app, Written& w) {
 void addLimits(CLI::App& app, Written& w) {
   Config& c = w.config;
   addNumber(app, "--max-cameras", c.limits.maxCameras, "Cameras at a time, in all sessions", 1, 65535);
-  addNumber(app, "--max-members", c.limits.maxMembers, "Cameras at a time in one session", 1, session::kMaxMembers);
+  addNumber(app, "--max-members", c.limits.maxMembers, "Cameras at a time in one session", 1, presence::kMaxMembers);
   addNumber(app, "--max-sessions", c.limits.maxSessions, "Sessions at a time, including the default one; 1: clients cannot create any", 1,
             65535);
   addNumber(app, "--max-sessions-per-client", c.limits.maxSessionsPerClient,

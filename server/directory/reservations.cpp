@@ -95,9 +95,9 @@ Outcome<std::unique_ptr<Reservation>> Reservations::take(const std::string& name
   return reservation;
 }
 
-Outcome<session::Edits::Kept> Reservation::keep(const edit_log::World& world, const std::shared_ptr<const terrain::Terrain>& terrain) {
+Outcome<editing::Edits::Kept> Reservation::keep(const edit_log::World& world, const std::shared_ptr<const terrain::Terrain>& terrain) {
   expects(held_ && terrain, "a name is held until its session has it");
-  session::Edits::Kept kept;
+  editing::Edits::Kept kept;
   if (!held_->lock) return kept;  // its name is free as soon as it lives
   kept.held = held_;
   kept.folder = folderOf(held_->lock->log());

@@ -16,7 +16,7 @@
 #include "common/terrain/terrain.h"
 #include "server/directory/shared_worlds.h"
 #include "server/edit_log/log.h"
-#include "server/session/edits.h"
+#include "server/editing/edits.h"
 
 namespace ridgecast::directory {
 
@@ -30,7 +30,7 @@ class Reservation {
   const edit_log::World* kept() const { return log_ ? &log_->world() : nullptr; }
   // For a session on this terrain: its edits, which may take seconds, or how to begin a log. Error: one sentence; its edits are of another
   // world.
-  Outcome<session::Edits::Kept> keep(const edit_log::World& world, const std::shared_ptr<const terrain::Terrain>& terrain);
+  Outcome<editing::Edits::Kept> keep(const edit_log::World& world, const std::shared_ptr<const terrain::Terrain>& terrain);
   // With a bus: that its world has the name on all servers; `joins`: other servers have the session already.
   void claim(SharedWorlds::Standing standing, bool joins) {
     claimed_ = std::move(standing);

@@ -58,7 +58,7 @@ Reply whenSaid(std::function<void(const std::shared_ptr<Said>& said)> ask) {
 
 Answer invalid(const Error& e) { return refused(422, metrics::Refusal::kRequest, e.message); }
 
-Answer answerOf(const session::Edits::Answer& number) {
+Answer answerOf(const editing::Edits::Answer& number) {
   if (number) {
     Answer made = json("{\"number\": " + std::to_string(*number) + "}\n");
     made.status = 201;
@@ -66,32 +66,32 @@ Answer answerOf(const session::Edits::Answer& number) {
   }
   const std::string& sentence = number.error().message;
   switch (number.why) {
-    case session::Edits::Answer::Why::kEarly:
+    case editing::Edits::Answer::Why::kEarly:
       return refused(429, metrics::Refusal::kBusy, sentence, {{"Retry-After", "1"}});
-    case session::Edits::Answer::Why::kFull:
+    case editing::Edits::Answer::Why::kFull:
       return refused(507, metrics::Refusal::kLimit, sentence);
-    case session::Edits::Answer::Why::kOver:
+    case editing::Edits::Answer::Why::kOver:
       return refused(404, metrics::Refusal::kSession, sentence);
-    case session::Edits::Answer::Why::kWrong:
+    case editing::Edits::Answer::Why::kWrong:
       break;
   }
   return invalid(number.error());
 }
 
 Reply make(std::shared_ptr<session::Session> session, edits::Operation operation, std::string key, const std::string& client) {
-  auto edit = std::make_shared<session::Edit>(session::Edit{std::move(key), edits::toText({client, {}}), std::move(operation)});
+  auto edit = std::make_shared<editing::Edit>(editing::Edit{std::move(key), edits::toText({client, {}}), std::move(operation)});
   return whenSaid([session = std::move(session), edit = std::move(edit), client](const std::shared_ptr<Said>& said) {
     session->edit(std::move(*edit), session->budgetsOf(client),
-                  [said](const session::Edits::Answer& number) { said->set([number] { return answerOf(number); }); });
+                  [said](const editing::Edits::Answer& number) { said->set([number] { return answerOf(number); }); });
   });
 }
 
 std::string quoted(const std::string& text) { return nlohmann::json(text).dump(-1, ' ', false, nlohmann::json::error_handler_t::replace); }
 
 // As many as fit, at least one.
-Answer listed(std::uint64_t last, const std::vector<session::Applied>& edits, std::size_t limit) {
+Answer listed(std::uint64_t last, const std::vector<editing::Applied>& edits, std::size_t limit) {
   std::string out = "{\"last\": " + std::to_string(last) + ", \"edits\": [";
-  for (const session::Applied& made : edits) {
+  for (const editing::Applied& made : edits) {
     const auto operation = edits::unpack(made.operation);
     if (!operation) return refused(500, metrics::Refusal::kInternal, operation.error().message);
     const std::string text = edits::toJson(*operation);
@@ -116,7 +116,7 @@ Reply list(const Request& request, const std::shared_ptr<session::Session>& sess
   if (limit > kMaxListed) return refused(400, metrics::Refusal::kRequest, "limit is at most " + std::to_string(kMaxListed) + ".");
   return whenSaid([since, limit, session](const std::shared_ptr<Said>& said) {
     const std::uint64_t last = session->ground().edit;
-    session->edits().read(since, kMaxListedBytes, [said, last, limit](Outcome<std::vector<session::Applied>> edits) {
+    session->edits().read(since, kMaxListedBytes, [said, last, limit](Outcome<std::vector<editing::Applied>> edits) {
       said->set([edits = std::move(edits), last, limit] {
         return edits ? listed(last, *edits, limit) : refused(500, metrics::Refusal::kInternal, edits.error().message);
       });

@@ -138,7 +138,7 @@ Answer listOf(const std::string& name, bool colours, const Placing& asked, const
 }
 
 Reply answerTile(const Request& request, const std::shared_ptr<session::Session>& session, const Wanted& wanted, const Placing& asked) {
-  const session::Ground ground = session->ground();
+  const editing::Ground ground = session->ground();
   const terrain::Raster* const samples = ground.terrain->raster();
   const terrain::Raster* const map =
       session->resources().limits.sendsTerrain ? samples : nullptr;  // a private one does not say where it lies

@@ -38,7 +38,7 @@ class QueryTask {
   }
 
   void ask(wire::Query query) {
-    session::Ground ground = session_->ground();
+    editing::Ground ground = session_->ground();
     answering_.emplace(std::move(ground.terrain), std::move(query), ground.edit);
   }
   void ask(std::string body, BodyType type, std::optional<double> option, const std::string& crs) {

@@ -47,7 +47,7 @@ Answer with(Answer a, const Headers& headers) {
 
 }  // namespace
 
-Reply fileOf(const Maker& maker, std::shared_ptr<session::Session> session, session::Ground ground, snapshot::Question question,
+Reply fileOf(const Maker& maker, std::shared_ptr<session::Session> session, editing::Ground ground, snapshot::Question question,
              bool metadataOnly, const Headers& headers) {
   const std::string etag = Snapshots::etag(*session, ground, question, metadataOnly);
   if (auto known = maker.cache->find(etag)) return with(std::move(*known), headers);

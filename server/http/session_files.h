@@ -27,7 +27,7 @@ struct Maker {
   std::shared_ptr<AnswerCache> cache;
 };
 // From this ground of the session, even if it is made later. `headers` are added to the file's.
-Reply fileOf(const Maker& maker, std::shared_ptr<session::Session> session, session::Ground ground, snapshot::Question question,
+Reply fileOf(const Maker& maker, std::shared_ptr<session::Session> session, editing::Ground ground, snapshot::Question question,
              bool metadataOnly, const Headers& headers = {});
 
 }  // namespace ridgecast::http

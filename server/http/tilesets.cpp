@@ -89,7 +89,7 @@ Answer withToken(Answer a, const std::string& token) {
   return a;
 }
 
-Reply tilesetAnswer(const Maker& maker, const session::Ground& ground, const Asked& asked, std::optional<lattice::LeafAddress> square,
+Reply tilesetAnswer(const Maker& maker, const editing::Ground& ground, const Asked& asked, std::optional<lattice::LeafAddress> square,
                     const std::string& content, const Headers& headers) {
   const std::string query = handedOn(asked, content);
   std::string key = "tileset " + std::to_string(kVersion) + " " + query;

@@ -400,7 +400,7 @@ Json serverEntry(const directory::ServerStatus& server) {
 }  // namespace
 
 std::string sessionEntry(const session::Session& session) {
-  const session::Presence::State state = session.presence().state();
+  const presence::Presence::State state = session.presence().state();
   const wire::Clock& clock = state.clock;
   const session::Limits& limits = session.resources().limits;
   const std::uint32_t server = session.resources().bus->server();  // the others tell of theirs

@@ -26,7 +26,7 @@ void CameraFigures::holds(std::uint32_t triangles, metrics::Withheld by) {
 std::shared_ptr<const void> CameraFigures::sent(std::uint64_t pose, bool late) {
   all_->iterationsSent.Increment();
   if (late) all_->iterationsLate.Increment();
-  std::optional<session::Timer::Time> arrival;
+  std::optional<scheduling::Timer::Time> arrival;
   const std::lock_guard lock(mutex_);
   for (; !arrivals_.empty() && arrivals_.front().first <= pose; arrivals_.pop_front()) arrival = arrivals_.front().second;
   if (!arrival) return nullptr;  // a further iteration for a pose

@@ -8,13 +8,13 @@
 #include <utility>
 
 #include "server/metrics/metrics.h"
-#include "server/session/timer.h"
+#include "server/scheduling/timer.h"
 
 namespace ridgecast::member {
 
 class CameraFigures {
  public:
-  CameraFigures(std::shared_ptr<metrics::Metrics> all, const session::Timer& timer) : all_(std::move(all)), timer_(timer) {}
+  CameraFigures(std::shared_ptr<metrics::Metrics> all, const scheduling::Timer& timer) : all_(std::move(all)), timer_(timer) {}
   CameraFigures(const CameraFigures&) = delete;
   CameraFigures& operator=(const CameraFigures&) = delete;
   ~CameraFigures() { holds(0, metrics::Withheld::kNone); }
@@ -29,11 +29,11 @@ class CameraFigures {
   static constexpr std::size_t kMaxArrivals = 64;
 
   const std::shared_ptr<metrics::Metrics> all_;
-  const session::Timer& timer_;
+  const scheduling::Timer& timer_;
   std::mutex mutex_;
   std::uint32_t triangles_ = 0;
   metrics::Withheld withheld_ = metrics::Withheld::kNone;
-  std::deque<std::pair<std::uint64_t, session::Timer::Time>>
+  std::deque<std::pair<std::uint64_t, scheduling::Timer::Time>>
       arrivals_;  // of poses without an iteration yet; at most kMaxArrivals, the newest
 };
 

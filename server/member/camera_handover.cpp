@@ -39,7 +39,7 @@ CameraSession::Refusal CameraSession::attend(const wire::Resume& resume) {
   if (resume.meshHash == 0 || resume.key.size() != wire::kMaxResumeKeyBytes || !movesTo(*session_, conversation_.hello())) return {};
   resume_.key = resume.key;
   conversation_.awaitCheckpoint(true);
-  const session::Timer& timer = *session_->resources().timer;
+  const scheduling::Timer& timer = *session_->resources().timer;
   resume_.alarm.set(timer, timer.now() + kCheckpointTimeout, weak_from_this(), mutex_, &CameraSession::giveUpCheckpoint);
   return {};
 }

@@ -113,7 +113,7 @@ void noteQuestion(const session::Session& session, std::uint64_t camera, std::si
 }  // namespace
 
 CameraSession::CameraSession(std::shared_ptr<session::Session> session, session::Membership membership, std::uint64_t id,
-                             std::shared_ptr<session::Sender> sender)
+                             std::shared_ptr<conversation::Sender> sender)
     : session_(std::move(session)),
       membership_(std::move(membership)),
       id_(id),
@@ -140,10 +140,10 @@ void CameraSession::receive(wire::ClientMessage message) {
 }
 
 CameraSession::Refusal CameraSession::attend(const wire::ClockStep& step) {
-  const session::Clock::Stepped stepped = session_->clock().step(id_, step);
-  std::string why = session::sentenceOf(stepped);  // of kNotYours none: that is answered with the clock, which names its owner
+  const clock::Clock::Stepped stepped = session_->clock().step(id_, step);
+  std::string why = clock::sentenceOf(stepped);  // of kNotYours none: that is answered with the clock, which names its owner
   if (why.empty()) return {};
-  return ErrorMessage{stepped == session::Clock::Stepped::kTooMany ? ErrorCode::kLimit : ErrorCode::kInvalid, std::move(why)};
+  return ErrorMessage{stepped == clock::Clock::Stepped::kTooMany ? ErrorCode::kLimit : ErrorCode::kInvalid, std::move(why)};
 }
 
 CameraSession::Refusal CameraSession::attend(wire::Query& query) {
@@ -174,7 +174,8 @@ CameraSession::Refusal CameraSession::attend(const wire::Edit& edit) {
                                                " edits wait for their answers: send the next when one has arrived."};
   ++*openEdits_;
   const auto answer = [sender = sender_, open = openEdits_, id = edit.id](const Outcome<std::uint64_t>& number) {
-    sender->send(number ? wire::EditAnswer{id, *number, {}} : wire::EditAnswer{id, 0, number.error().message}, session::ticketOf(open));
+    sender->send(number ? wire::EditAnswer{id, *number, {}} : wire::EditAnswer{id, 0, number.error().message},
+                 conversation::ticketOf(open));
   };
   auto operation = edits::fromJson(edit.operation);
   if (!session_->resources().limits.takesEdits) {
@@ -200,12 +201,12 @@ void CameraSession::tellEdits() {
   if (!conversation_.runs() || !conversation_.hello().edits || news_.isOnItsWay) return;
   if (news_.told >= session_->ground().edit) return;
   news_.isOnItsWay = true;
-  session_->editPages().page(news_.told, [weak = weak_from_this()](const Outcome<session::EditPages::Page>& page) {
+  session_->editPages().page(news_.told, [weak = weak_from_this()](const Outcome<editing::EditPages::Page>& page) {
     if (const auto self = weak.lock()) self->tell(page);
   });
 }
 
-void CameraSession::tell(const Outcome<session::EditPages::Page>& page) {
+void CameraSession::tell(const Outcome<editing::EditPages::Page>& page) {
   const std::lock_guard lock(mutex_);
   if (!page) return refuse({ErrorCode::kInternal, page.error().message});
   if (!conversation_.runs()) return;
@@ -222,7 +223,7 @@ void CameraSession::tell(const Outcome<session::EditPages::Page>& page) {
 
 // The next page, when the last has left: one at most waits for a client that does not read.
 void CameraSession::tellSoon(std::chrono::milliseconds pause) {
-  const session::Timer& timer = *session_->resources().timer;
+  const scheduling::Timer& timer = *session_->resources().timer;
   news_.alarm.set(timer, timer.now() + pause, weak_from_this(), mutex_, &CameraSession::tellNext);
 }
 
@@ -258,7 +259,7 @@ void CameraSession::refuse(ErrorMessage message) {
 bool CameraSession::wake() {
   if (scheduled_) return true;
   if (!conversation_.closed() && copies_.empty() && !handOver_ && resume_.key.empty()) {
-    const session::Timer& timer = *session_->resources().timer;
+    const scheduling::Timer& timer = *session_->resources().timer;
     auto due = conversation_.due(sender_->queuedBytes());
     // Answers and tiles may be what is queued, and nobody tells when they have left.
     if (!due && conversation_.due(0)) due = timer.now() + kQueueRetry;
@@ -271,7 +272,7 @@ bool CameraSession::wake() {
 
 void CameraSession::watchAcknowledgements() {
   if (!conversation_.runs() || conversation_.replica().hasRoom()) return;
-  const session::Timer::Time now = session_->resources().timer->now();
+  const scheduling::Timer::Time now = session_->resources().timer->now();
   if (std::exchange(watched_.iteration, conversation_.replica().lastSent()) != conversation_.replica().lastSent()) watched_.since = now;
   if (now < watched_.since + kAcknowledgeTimeout)
     return watched_.alarm.set(*session_->resources().timer, watched_.since + kAcknowledgeTimeout, weak_from_this(), mutex_,
@@ -281,7 +282,7 @@ void CameraSession::watchAcknowledgements() {
 }
 
 void CameraSession::watchRoom() {
-  const session::Timer& timer = *session_->resources().timer;
+  const scheduling::Timer& timer = *session_->resources().timer;
   const std::uint32_t wanted = pipeline::grant(conversation_.requested(), session_->resources().limits.mesh).triangleBudget;
   if (!conversation_.runs() || conversation_.isLockstep() || conversation_.newestGrant().triangleBudget >= wanted) return;
   room_.alarm.set(timer, timer.now() + kSeeksRoom, weak_from_this(), mutex_, &CameraSession::seekRoom);
@@ -324,7 +325,7 @@ void CameraSession::run() {
     failed = true;
     task_ = {};  // first, so that the refusal finds memory
     const std::lock_guard lock(mutex_);
-    refuse(session::failureOf(e));
+    refuse(conversation::failureOf(e));
   }
   // Moved out under the lock, because another task may follow; destroyed after unlocking.
   Task freed;
@@ -384,7 +385,7 @@ bool CameraSession::copy(session::TakeCopy done) {
 
 void CameraSession::workOnCopy() {
   expects(task_.mesh != nullptr, "what is copied is there");
-  const session::Timer& timer = *session_->resources().timer;
+  const scheduling::Timer& timer = *session_->resources().timer;
   const auto end = timer.now() + session_->resources().limits.turn;
   if (!task_.copy) task_.copy = std::make_shared<session::MeshCopy>();
   const auto& leaves = task_.mesh->leaves();

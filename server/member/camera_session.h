@@ -17,12 +17,12 @@
 #include "common/outcome/outcome.h"
 #include "common/wire/messages.h"
 #include "server/conversation/conversation.h"
+#include "server/conversation/sender.h"
 #include "server/encoding/encoder.h"
 #include "server/member/camera_figures.h"
 #include "server/questions/grounds.h"
 #include "server/questions/queries.h"
 #include "server/scheduling/pool.h"
-#include "server/session/sender.h"
 #include "server/session/session.h"
 
 namespace ridgecast::member {
@@ -30,7 +30,7 @@ namespace ridgecast::member {
 class CameraSession final : public session::LiveCamera, public std::enable_shared_from_this<CameraSession> {
  public:
   CameraSession(std::shared_ptr<session::Session> session, session::Membership membership, std::uint64_t id,
-                std::shared_ptr<session::Sender> sender);
+                std::shared_ptr<conversation::Sender> sender);
 
   void receive(wire::ClientMessage message);
   // The client is gone: sends nothing more; a task of the pool frees the mesh.
@@ -76,7 +76,7 @@ class CameraSession final : public session::LiveCamera, public std::enable_share
     return {};
   }
   void tellEdits();  // under the lock: those that this client was not told of, if it wants them
-  void tell(const Outcome<session::EditPages::Page>& page);
+  void tell(const Outcome<editing::EditPages::Page>& page);
   // Under the lock, as all until run().
   void tellSoon(std::chrono::milliseconds pause);
   void tellNext();
@@ -107,21 +107,21 @@ class CameraSession final : public session::LiveCamera, public std::enable_share
   const std::shared_ptr<session::Session> session_;
   const session::Membership membership_;
   const std::uint64_t id_;
-  const std::shared_ptr<session::Sender> sender_;
+  const std::shared_ptr<conversation::Sender> sender_;
   const std::shared_ptr<scheduling::Pool> pool_;
 
   mutable std::mutex mutex_;
   conversation::Conversation conversation_;
   bool scheduled_ = false;  // a task is queued or runs
-  session::Alarm workAlarm_;
+  scheduling::Alarm workAlarm_;
   struct {
     std::uint64_t iteration = 0;  // the last one sent when the window was full
-    session::Timer::Time since{};
-    session::Alarm alarm;
+    scheduling::Timer::Time since{};
+    scheduling::Alarm alarm;
   } watched_;
   struct {
     bool isThere = false;  // at the last look
-    session::Alarm alarm;
+    scheduling::Alarm alarm;
   } room_;
   CameraFigures figures_;
   std::vector<session::TakeCopy> copies_;  // requested
@@ -130,7 +130,7 @@ class CameraSession final : public session::LiveCamera, public std::enable_share
   struct {
     std::string key;         // to be looked up; empty: it was
     std::string checkpoint;  // found
-    session::Alarm alarm;
+    scheduling::Alarm alarm;
   } resume_;
   std::shared_ptr<questions::Queries> queries_;  // once one was sent
   std::shared_ptr<questions::Grounds> grounds_;
@@ -139,7 +139,7 @@ class CameraSession final : public session::LiveCamera, public std::enable_share
     std::uint64_t told = 0;          // edits that the client knows
     bool isOnItsWay = false;         // a page: until the next may follow it
     std::weak_ptr<const void> page;  // the last one, until it has left
-    session::Alarm alarm;
+    scheduling::Alarm alarm;
   } news_;  // of edits
 
   // Of the running task alone.
@@ -147,7 +147,7 @@ class CameraSession final : public session::LiveCamera, public std::enable_share
     std::unique_ptr<session::IteratingMesh> mesh;
     std::unique_ptr<encoding::Encoder> encoder;
     double effectiveThreshold = 0;
-    session::Ground ground;                   // that the mesh knows
+    editing::Ground ground;                   // that the mesh knows
     std::shared_ptr<session::MeshCopy> copy;  // being made
   } task_;
 };

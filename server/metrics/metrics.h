@@ -83,7 +83,7 @@ constexpr std::string_view name(Refusal reason) { return kRefusalNames[static_ca
 enum class Withheld { kNone, kTriangles, kBytes, kProcessor };
 inline constexpr std::array<std::string_view, 3> kWithheldNames{"triangles", "bytes", "processor"};  // without kNone
 
-// Why an edit was refused: as session::Edits::Answer::Why.
+// Why an edit was refused: as editing::Edits::Answer::Why.
 inline constexpr std::array<std::string_view, 5> kEditRefusals{"wrong", "early", "full", "over", "other"};
 
 struct Metrics {

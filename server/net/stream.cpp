@@ -382,7 +382,7 @@ class Stream : public OpenStream, public std::enable_shared_from_this<Stream> {
 };
 
 // A camera session's way to its client. Messages are encoded on the sending thread, which belongs to a camera's pool.
-class StreamSender final : public session::Sender {
+class StreamSender final : public conversation::Sender {
  public:
   explicit StreamSender(const std::shared_ptr<Stream>& stream) : stream_(stream), traffic_(stream->traffic()) {}
 

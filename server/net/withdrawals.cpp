@@ -16,7 +16,7 @@ constexpr std::string_view kWithdrawn = "withdrawn/";  // withdrawn/TIME/SERVER/
 
 }  // namespace
 
-Withdrawals::Withdrawals(std::shared_ptr<bus::Bus> bus, const session::Timer& timer, std::function<void(const Hashes&)> withdraw)
+Withdrawals::Withdrawals(std::shared_ptr<bus::Bus> bus, const scheduling::Timer& timer, std::function<void(const Hashes&)> withdraw)
     : bus_(std::move(bus)), timer_(timer), withdraw_(std::move(withdraw)) {}
 
 void Withdrawals::begin() {

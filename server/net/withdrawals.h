@@ -13,7 +13,7 @@
 #include <vector>
 
 #include "server/bus/bus.h"
-#include "server/session/timer.h"
+#include "server/scheduling/timer.h"
 
 namespace ridgecast::net {
 
@@ -25,7 +25,7 @@ class Withdrawals : public std::enable_shared_from_this<Withdrawals> {
 
   using Hashes = std::vector<std::string>;  // access::Tokens::missingFrom
   // `withdraw` is called with what other servers withdraw. `timer` must outlive this.
-  Withdrawals(std::shared_ptr<bus::Bus> bus, const session::Timer& timer, std::function<void(const Hashes&)> withdraw);
+  Withdrawals(std::shared_ptr<bus::Bus> bus, const scheduling::Timer& timer, std::function<void(const Hashes&)> withdraw);
   void begin();  // looks from now on; nothing with bus::Alone
   // This server has read its file: what others withdrew before does not count any more. `withdrawn`: what the file has lost.
   void loaded(const Hashes& withdrawn);
@@ -34,7 +34,7 @@ class Withdrawals : public std::enable_shared_from_this<Withdrawals> {
   void look();
 
   const std::shared_ptr<bus::Bus> bus_;
-  const session::Timer& timer_;
+  const scheduling::Timer& timer_;
   const std::function<void(const Hashes&)> withdraw_;
   std::mutex mutex_;
   std::int64_t loadedAt_ = 0;    // by the bus's clock

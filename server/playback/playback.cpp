@@ -24,7 +24,7 @@ using namespace recording;
 
 constexpr std::chrono::milliseconds kTurn{20};
 constexpr std::chrono::seconds kStay{1};                            // after going back: who asks meanwhile goes back with the last who does
-constexpr std::size_t kMaxEdits = session::Edits::kMaxWaiting / 2;  // under way
+constexpr std::size_t kMaxEdits = editing::Edits::kMaxWaiting / 2;  // under way
 
 }  // namespace
 

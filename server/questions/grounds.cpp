@@ -42,7 +42,7 @@ void trim(mesh::LeafMesh& leaf, lattice::Point at, double radius) {
 
 struct Grounds::Work {
   wire::AskGround ask;
-  session::Ground on;
+  editing::Ground on;
   box::Watch watch;
   double error = 0;                       // metres: more than asked for in trials of what fits
   std::unique_ptr<box::Meshing> meshing;  // then there are leaves
@@ -53,8 +53,8 @@ struct Grounds::Work {
   bool isTrial() const { return error > ask.error; }
 };
 
-Grounds::Grounds(std::function<session::Ground()> ground, std::uint32_t triangleBudget, std::shared_ptr<session::SlotQueue> queue,
-                 std::shared_ptr<session::Sender> sender, std::chrono::seconds timeout, std::chrono::milliseconds turn)
+Grounds::Grounds(std::function<editing::Ground()> ground, std::uint32_t triangleBudget, std::shared_ptr<session::SlotQueue> queue,
+                 std::shared_ptr<conversation::Sender> sender, std::chrono::seconds timeout, std::chrono::milliseconds turn)
     : ground_(std::move(ground)),
       triangleBudget_(triangleBudget),
       queue_(std::move(queue)),
@@ -101,9 +101,9 @@ void Grounds::run(session::SlotQueue::Slot slot) {
     auto answer = turn(*work);
     if (!answer) return begin(std::move(slot));
     answer->edit = work->on.edit;
-    if (!stop_.stop_requested()) sender_->send(std::move(*answer), session::ticketOf(open_));
+    if (!stop_.stop_requested()) sender_->send(std::move(*answer), conversation::ticketOf(open_));
   } catch (const std::exception& e) {
-    return sender_->fail(session::failureOf(e));
+    return sender_->fail(conversation::failureOf(e));
   }
   std::unique_ptr<Work> done;  // destroyed before the slot is released, and without the lock
   {

@@ -20,8 +20,8 @@
 #include <vector>
 
 #include "common/wire/messages.h"
-#include "server/session/edits.h"
-#include "server/session/sender.h"
+#include "server/conversation/sender.h"
+#include "server/editing/edits.h"
 #include "server/session/slot_queue.h"
 
 namespace ridgecast::questions {
@@ -31,8 +31,8 @@ class Grounds final : public session::SlotQueue::Worker, public std::enable_shar
   static constexpr std::chrono::seconds kTimeout{30};  // from ask() on
 
   // `turn`: how long it works before others have their turn.
-  Grounds(std::function<session::Ground()> ground, std::uint32_t triangleBudget, std::shared_ptr<session::SlotQueue> queue,
-          std::shared_ptr<session::Sender> sender, std::chrono::seconds timeout = kTimeout,
+  Grounds(std::function<editing::Ground()> ground, std::uint32_t triangleBudget, std::shared_ptr<session::SlotQueue> queue,
+          std::shared_ptr<conversation::Sender> sender, std::chrono::seconds timeout = kTimeout,
           std::chrono::milliseconds turn = std::chrono::milliseconds(2));
   ~Grounds() override;
   bool ask(const wire::AskGround& ask);  // false: too many are open
@@ -53,10 +53,10 @@ class Grounds final : public session::SlotQueue::Worker, public std::enable_shar
   wire::Ground unfit(const Work& work, const std::string& fits) const;
   static wire::Ground refusal(const Work& work, std::string sentence);
 
-  const std::function<session::Ground()> ground_;  // of now
+  const std::function<editing::Ground()> ground_;  // of now
   const std::uint32_t triangleBudget_;
   const std::shared_ptr<session::SlotQueue> queue_;
-  const std::shared_ptr<session::Sender> sender_;
+  const std::shared_ptr<conversation::Sender> sender_;
   const std::chrono::seconds timeout_;
   const std::chrono::milliseconds turn_;
   std::stop_source stop_;

@@ -8,7 +8,7 @@
 
 namespace ridgecast::questions {
 
-Queries::Queries(std::shared_ptr<const session::Session> session, std::shared_ptr<session::Sender> sender,
+Queries::Queries(std::shared_ptr<const session::Session> session, std::shared_ptr<conversation::Sender> sender,
                  std::shared_ptr<session::Budgets> budgets)
     : session_(std::move(session)),
       sender_(std::move(sender)),
@@ -36,7 +36,7 @@ void Queries::close() {
 }
 
 void Queries::waitForTurn() {
-  const session::Timer& timer = *session_->resources().timer;
+  const scheduling::Timer& timer = *session_->resources().timer;
   const auto free = budgets_->queries.free();
   if (free <= timer.now()) return queue_->enter(weak_from_this());
   timer.at(free, [weak = weak_from_this()] {
@@ -54,7 +54,7 @@ void Queries::run() {
     for (const auto until = Steady::now() + session_->resources().limits.turn; Steady::now() < until;)
       if (!workOnFirst()) return;
   } catch (const std::exception& e) {
-    return sender_->fail(session::failureOf(e));
+    return sender_->fail(conversation::failureOf(e));
   }
   waitForTurn();
 }
@@ -72,7 +72,7 @@ bool Queries::workOnFirst() {
     budgets_->queries.spend(session_->resources().timer->now(), heights);
     return true;
   }
-  sender_->send(first->take(), session::ticketOf(open_));
+  sender_->send(first->take(), conversation::ticketOf(open_));
   std::unique_ptr<query::Answering> done;  // destroyed without the lock
   const std::lock_guard lock(mutex_);
   expects(!pending_.empty() && pending_.front().get() == first, "what is answered waits first");

@@ -12,8 +12,8 @@
 #include <mutex>
 
 #include "common/wire/messages.h"
+#include "server/conversation/sender.h"
 #include "server/query/query.h"
-#include "server/session/sender.h"
 #include "server/session/session.h"
 #include "server/session/slot_queue.h"
 
@@ -21,7 +21,7 @@ namespace ridgecast::questions {
 
 class Queries final : public session::SlotQueue::Worker, public std::enable_shared_from_this<Queries> {
  public:
-  Queries(std::shared_ptr<const session::Session> session, std::shared_ptr<session::Sender> sender,
+  Queries(std::shared_ptr<const session::Session> session, std::shared_ptr<conversation::Sender> sender,
           std::shared_ptr<session::Budgets> budgets);
   bool ask(wire::Query query);  // false: too many are open
   void close();                 // sends nothing more and abandons the work; any thread
@@ -33,7 +33,7 @@ class Queries final : public session::SlotQueue::Worker, public std::enable_shar
   bool workOnFirst();  // a piece of its answer; false: none waits
 
   const std::shared_ptr<const session::Session> session_;
-  const std::shared_ptr<session::Sender> sender_;
+  const std::shared_ptr<conversation::Sender> sender_;
   const std::shared_ptr<session::SlotQueue> queue_;
   const std::shared_ptr<session::Budgets> budgets_;
   std::mutex mutex_;

@@ -12,6 +12,7 @@
 #include <type_traits>
 #include <utility>
 
+#include "common/codec/fields.h"
 #include "common/codec/varint.h"
 
 namespace ridgecast::recording {
@@ -20,131 +21,41 @@ namespace {
 
 constexpr std::string_view kMagic = "ridgecast recording 1";
 
-// Both walk the same fields in the same order: `fields` below describes each record once.
-class Out {
+// Both walk the same fields in the same order: `walk` below describes each record once.
+class Out : public codec::FieldWriter {
  public:
-  static constexpr bool kWrites = true;
-  explicit Out(Bytes& bytes) : bytes_(bytes) {}
-  bool operator()(const std::uint64_t& v) { return codec::putVarint(bytes_, v), true; }
-  bool operator()(const std::uint32_t& v) { return codec::putVarint(bytes_, v), true; }
-  bool operator()(const bool& v) { return bytes_.push_back(v), true; }
-  bool operator()(const std::int64_t& v) { return (*this)(codec::zigzag(v)); }
-  bool operator()(const double& v) { return fixed(std::bit_cast<std::uint64_t>(v)); }
-  bool fixed(const std::uint64_t& v, int bytes = 8) {
-    for (int k = 0; k < 8 * bytes; k += 8) bytes_.push_back(static_cast<std::uint8_t>(v >> k));
-    return true;
-  }
-  bool operator()(const std::string& v) {
-    (*this)(std::uint64_t{v.size()});
-    bytes_.insert(bytes_.end(), v.begin(), v.end());
-    return true;
-  }
+  using FieldWriter::FieldWriter;
+  using FieldWriter::operator();
   template <class T>
   requires std::is_enum_v<T>
   bool operator()(const T& v) { return (*this)(static_cast<std::uint64_t>(v)); }
-  template <class T>
-  bool list(const std::vector<T>& values, auto&& each) {
-    (*this)(std::uint64_t{values.size()});
-    for (const T& v : values) each(v);
-    return true;
-  }
-  template <class T>
-  bool maybe(const std::optional<T>& value, auto&& each) {
-    (*this)(value.has_value());
-    return !value || each(*value);
-  }
   // The bytes between the first and the last that differ from what was to be expected.
   bool near(const double& v, double expected) {
     const std::uint64_t differs = std::bit_cast<std::uint64_t>(v) ^ std::bit_cast<std::uint64_t>(expected);
     const int low = differs ? std::countr_zero(differs) / 8 : 0, count = differs ? 8 - std::countl_zero(differs) / 8 - low : 0;
     bytes_.push_back(static_cast<std::uint8_t>(low << 4 | count));
-    for (int k = low; k < low + count; ++k) bytes_.push_back(static_cast<std::uint8_t>(differs >> (8 * k)));
-    return true;
+    return fixed(differs >> (8 * low), count);
   }
   template <std::integral T>
   bool near(const T& v, T expected) {
     return (*this)(static_cast<std::int64_t>(static_cast<std::uint64_t>(v) - static_cast<std::uint64_t>(expected)));
   }
-
- private:
-  Bytes& bytes_;
 };
 
-class In {
+class In : public codec::FieldReader {
  public:
-  static constexpr bool kWrites = false;
-  explicit In(std::span<const std::uint8_t> bytes) : reader_(bytes) {}
-  bool operator()(std::uint64_t& v) { return reader_.longVarint(v); }
-  bool operator()(std::uint32_t& v) {
-    std::uint64_t wide = 0;
-    if (!(*this)(wide) || wide > 0xffffffffu) return false;
-    v = static_cast<std::uint32_t>(wide);
-    return true;
-  }
-  bool operator()(bool& v) {
-    std::uint8_t byte = 0;
-    if (!reader_.byte(byte) || byte > 1) return false;
-    v = byte == 1;
-    return true;
-  }
-  bool operator()(std::int64_t& v) {
-    std::uint64_t u = 0;
-    if (!(*this)(u)) return false;
-    v = codec::unzigzag(u);
-    return true;
-  }
-  bool operator()(double& v) {
-    std::uint64_t bits = 0;
-    if (!fixed(bits)) return false;
-    v = std::bit_cast<double>(bits);
-    return std::isfinite(v);
-  }
-  bool fixed(std::uint64_t& v, int count = 8) {
-    std::span<const std::uint8_t> bytes;
-    if (!reader_.bytes(static_cast<std::uint64_t>(count), bytes)) return false;
-    v = 0;
-    for (int k = 0; k < count; ++k) v |= std::uint64_t{bytes[static_cast<std::size_t>(k)]} << (8 * k);
-    return true;
-  }
-  bool operator()(std::string& v) {
-    std::uint64_t size = 0;
-    std::span<const std::uint8_t> bytes;
-    if (!(*this)(size) || !reader_.bytes(size, bytes)) return false;
-    v.assign(bytes.begin(), bytes.end());
-    return true;
-  }
+  using FieldReader::FieldReader;
+  using FieldReader::operator();
   template <class T>
   requires std::is_enum_v<T>
-  bool operator()(T& v) {
-    constexpr std::uint64_t most = std::is_same_v<T, wire::Metric> ? 3 : std::is_same_v<T, wire::ClockMode> ? 2 : 1;
-    std::uint64_t number = 0;
-    if (!(*this)(number) || number > most) return false;
-    v = static_cast<T>(number);
-    return true;
-  }
-  template <class T>
-  bool list(std::vector<T>& values, auto&& each) {
-    std::uint64_t count = 0;
-    if (!(*this)(count) || count > reader_.rest().size()) return false;  // each takes a byte or more
-    for (; count > 0; --count)
-      if (!each(values.emplace_back())) return false;
-    return true;
-  }
-  template <class T>
-  bool maybe(std::optional<T>& value, auto&& each) {
-    bool isThere = false;
-    if (!(*this)(isThere)) return false;
-    return !isThere || each(value.emplace());
-  }
+  bool operator()(T& v) { return upTo(v, std::is_same_v<T, wire::Metric> ? 3 : std::is_same_v<T, wire::ClockMode> ? 2 : 1); }
   bool near(double& v, double expected) {
     std::uint8_t where = 0;
     if (!reader_.byte(where)) return false;
     const int low = where >> 4, count = where & 15;
-    std::span<const std::uint8_t> bytes;
-    if (low + count > 8 || !reader_.bytes(static_cast<std::uint64_t>(count), bytes)) return false;
     std::uint64_t differs = 0;
-    for (int k = 0; k < count; ++k) differs |= std::uint64_t{bytes[static_cast<std::size_t>(k)]} << (8 * (low + k));
-    v = std::bit_cast<double>(std::bit_cast<std::uint64_t>(expected) ^ differs);
+    if (low + count > 8 || !fixed(differs, count)) return false;
+    v = std::bit_cast<double>(std::bit_cast<std::uint64_t>(expected) ^ (count > 0 ? differs << (8 * low) : 0));
     return true;
   }
   template <std::integral T>
@@ -154,10 +65,6 @@ class In {
     v = static_cast<T>(static_cast<std::uint64_t>(differs) + static_cast<std::uint64_t>(expected));
     return true;
   }
-  bool isOver() const { return reader_.rest().empty(); }
-
- private:
-  codec::Reader reader_;
 };
 
 template <class Walk, class Settings>

@@ -11,14 +11,14 @@
 #include "common/mesh/leaf_mesh.h"
 #include "common/outcome/contract.h"
 #include "common/wire/messages.h"
-#include "server/session/edits.h"
+#include "server/editing/edits.h"
 
 namespace ridgecast::session {
 
 // A camera's mesh after one of its iterations: what its client holds once it has applied that iteration.
 struct MeshCopy {
   std::uint64_t iteration = 0, meshHash = 0;
-  Ground ground;  // of which it is a mesh
+  editing::Ground ground;  // of which it is a mesh
   camera::Camera camera;
   wire::Settings settings;  // as granted
   double effectiveThreshold = 0;

@@ -15,20 +15,19 @@
 
 #include "server/bus/brief_records.h"
 #include "server/bus/bus.h"
+#include "server/editing/edit_space.h"
 #include "server/metrics/metrics.h"
 #include "server/pipeline/pipeline.h"
 #include "server/recording/events.h"
 #include "server/replica/replica.h"
 #include "server/scheduling/pool.h"
+#include "server/scheduling/timer.h"
 #include "server/session/budgets.h"
-#include "server/session/edit_space.h"
 #include "server/session/slot_queue.h"
-#include "server/session/timer.h"
 #include "server/session/world_spec.h"
 
 namespace ridgecast::session {
 
-inline constexpr std::uint32_t kMaxMembers = 32'768;       // of a session
 inline constexpr std::uint64_t kMinBytesPerSecond = 4096;  // that a member is granted
 inline constexpr std::uint64_t kBytesPerTriangle = 160;    // of a camera's mesh, replica and bases
 
@@ -43,9 +42,9 @@ struct Limits {
   std::size_t maxQueuedBytes = 8u << 20;  // no iteration starts while more than this is queued for a client
   std::uint64_t maxBytesPerSecond = 0;    // of one client's iterations; 0: unlimited
   pipeline::Limits mesh;
-  std::chrono::milliseconds turn = kTurn;  // of work on an answer, a ground or edits, before others have theirs
-  bool sendsTerrain = true;                // false: World's terrain_source stays empty
-  bool takesEdits = true;                  // of members; false: the ground is that of a recording
+  std::chrono::milliseconds turn = scheduling::kTurn;  // of work on an answer, a ground or edits, before others have theirs
+  bool sendsTerrain = true;                            // false: World's terrain_source stays empty
+  bool takesEdits = true;                              // of members; false: the ground is that of a recording
 };
 
 using pipeline::IteratingMesh;
@@ -54,7 +53,8 @@ using MakeMesh = std::function<std::unique_ptr<IteratingMesh>(std::shared_ptr<co
 MakeMesh pipelineMeshes();  // makes pipelines
 
 // Begins a session's recording. `past`: the edits that have made its ground.
-using Record = std::function<std::shared_ptr<recording::Observer>(recording::World, std::vector<recording::Edited> past, Timer::Time now)>;
+using Record =
+    std::function<std::shared_ptr<recording::Observer>(recording::World, std::vector<recording::Edited> past, scheduling::Timer::Time now)>;
 
 // Shared by the cameras of all sessions.
 struct Resources {
@@ -72,10 +72,10 @@ struct Resources {
   Limits limits;
   std::shared_ptr<bus::Bus> bus = std::make_shared<bus::Alone>();  // to the other servers of these worlds
   std::shared_ptr<bus::BriefRecords> checkpoints = std::make_shared<bus::BriefRecords>("checkpoints");  // of cameras that leave
-  std::shared_ptr<EditSpace> editSpace = std::make_shared<EditSpace>();
+  std::shared_ptr<editing::EditSpace> editSpace = std::make_shared<editing::EditSpace>();
   std::shared_ptr<BudgetsByClient> budgets = std::make_shared<BudgetsByClient>();
   std::shared_ptr<metrics::Metrics> figures = std::make_shared<metrics::Metrics>();
-  std::unique_ptr<const Timer> timer = std::make_unique<SteadyTimer>();
+  std::unique_ptr<const scheduling::Timer> timer = std::make_unique<scheduling::SteadyTimer>();
   const QueryQueues& queryQueues() const {
     std::call_once(queuesMade_, [this] { queues_.emplace(*executor); });
     return *queues_;

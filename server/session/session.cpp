@@ -7,10 +7,11 @@
 
 #include "common/edits/author.h"
 #include "common/edits/packed.h"
+#include "common/lattice/lattice.h"
 #include "common/outcome/contract.h"
 #include "common/wire/wire.h"
+#include "server/editing/measured_store.h"
 #include "server/logging/logging.h"
-#include "server/session/measured_store.h"
 
 namespace ridgecast::session {
 
@@ -28,7 +29,7 @@ std::uint64_t anyNumber() {
   return std::uint64_t{device()} << 32 | device();
 }
 
-void count(metrics::Metrics& figures, const Edits::Answer& number) {
+void count(metrics::Metrics& figures, const editing::Edits::Answer& number) {
   if (number) return figures.editsMade.Increment();
   const auto why = static_cast<std::size_t>(number.why);
   figures.editRefusals[std::min(why, figures.editRefusals.size() - 1)]->Increment();
@@ -38,7 +39,8 @@ constexpr std::size_t kMaxPast = 16u << 20;  // bytes of edits with which a reco
 
 // Null: nobody records, or the ground cannot be told.
 std::shared_ptr<recording::Observer> beginRecording(const Resources& resources, const std::string& name, const WorldSpec& spec,
-                                                    const terrain::Terrain& terrain, std::uint64_t contentHash, const Edits::Kept& kept) {
+                                                    const terrain::Terrain& terrain, std::uint64_t contentHash,
+                                                    const editing::Edits::Kept& kept) {
   if (!resources.record) return nullptr;
   const auto refuse = [&](const std::string& why) {
     logging::warning({.session = name}, "is not recorded: " + why);
@@ -49,7 +51,7 @@ std::shared_ptr<recording::Observer> beginRecording(const Resources& resources, 
   for (std::size_t bytes = 0; kept.store && past.size() < kept.store->last();) {
     auto edits = kept.store->read(past.size(), 1u << 20);
     if (!edits) return refuse(edits.error().message);
-    for (Applied& e : *edits) {
+    for (editing::Applied& e : *edits) {
       past.push_back({e.number, std::move(e.author), std::move(e.operation)});
       bytes += past.back().operation.size();
     }
@@ -61,9 +63,9 @@ std::shared_ptr<recording::Observer> beginRecording(const Resources& resources, 
 }
 
 // A recording's edits are its own.
-EditOrder::Shared orderOf(const std::shared_ptr<const Resources>& resources, const std::string& name) {
+editing::EditOrder::Shared orderOf(const std::shared_ptr<const Resources>& resources, const std::string& name) {
   if (!resources->limits.takesEdits) return {};
-  return {resources->bus, name, std::shared_ptr<const Timer>(resources, resources->timer.get())};
+  return {resources->bus, name, std::shared_ptr<const scheduling::Timer>(resources, resources->timer.get())};
 }
 
 const char* nameOf(const edits::Operation& operation) {
@@ -86,7 +88,7 @@ void audit(const std::string& session, const std::string& text, const std::strin
 }  // namespace
 
 Session::Session(std::string name, std::shared_ptr<const terrain::Terrain> terrain, WorldSpec spec,
-                 std::shared_ptr<const Resources> resources, std::shared_ptr<CameraQuota> quota, Edits::Kept kept)
+                 std::shared_ptr<const Resources> resources, std::shared_ptr<CameraQuota> quota, editing::Edits::Kept kept)
     : name_(std::move(name)),
       spec_(std::move(spec)),
       contentHash_(terrain::contentHash(*terrain)),
@@ -95,19 +97,19 @@ Session::Session(std::string name, std::shared_ptr<const terrain::Terrain> terra
       members_(std::make_shared<std::atomic<std::uint32_t>>(0)),
       quota_(std::move(quota)),
       observer_(beginRecording(*resources_, name_, spec_, *terrain, contentHash_, kept)),
-      clock_(std::make_shared<SessionClock>(*resources_->timer, spec_.clock, observer_)),
-      presence_(std::make_shared<Presence>(*resources_->timer, clock_)),
-      edits_(std::make_shared<Edits>(
+      clock_(std::make_shared<clock::SessionClock>(*resources_->timer, spec_.clock, observer_)),
+      presence_(std::make_shared<presence::Presence>(*resources_->timer, clock_)),
+      edits_(std::make_shared<editing::Edits>(
           std::move(terrain), *resources_->executor, resources_->writer(), resources_->editSpace,
           [live = live_] {
             for (const auto& camera : live->all()) camera->groundChanged();
           },
-          measured(std::move(kept), resources_->figures),
-          [observer = observer_, resources = resources_](const Applied& made) {
+          editing::measured(std::move(kept), resources_->figures),
+          [observer = observer_, resources = resources_](const editing::Applied& made) {
             if (observer) observer->note(resources->timer->now(), recording::Edited{made.number, made.author, made.operation});
           },
           resources_->limits.turn, orderOf(resources_, name_))),
-      editPages_(std::make_shared<EditPages>(edits_, *resources_->executor)) {
+      editPages_(std::make_shared<editing::EditPages>(edits_, *resources_->executor)) {
   edits_->begin();
   if (resources_->bus->server() == 0) return;
   presence_->share(resources_->bus, "members/" + name_);
@@ -115,12 +117,12 @@ Session::Session(std::string name, std::shared_ptr<const terrain::Terrain> terra
   clock_->share(resources_->bus, "clock/" + name_ + "/" + std::to_string(contentHash_));
 }
 
-std::uint64_t Session::hashOf(const Ground& ground) const {
+std::uint64_t Session::hashOf(const editing::Ground& ground) const {
   if (ground.edit == 0) return contentHash_;
   return lattice::mix(contentHash_ + ground.edit) ^ (ground.identity != 0 ? ground.identity : nonce_);
 }
 
-void Session::edit(Edit edit, const std::shared_ptr<Budgets>& budgets, std::function<void(const Edits::Answer&)> done) {
+void Session::edit(editing::Edit edit, const std::shared_ptr<Budgets>& budgets, std::function<void(const editing::Edits::Answer&)> done) {
   expects(done != nullptr, "an edit is answered");
   use();
   const auto spent = std::make_shared<std::uint64_t>(0);
@@ -128,10 +130,10 @@ void Session::edit(Edit edit, const std::shared_ptr<Budgets>& budgets, std::func
   std::string what = nameOf(edit.operation) + (undo ? " of " + std::to_string(undo->edit) : std::string());
   std::string author = edit.author;
   auto ask = [edits = edits_, resources = resources_, budgets, spent, name = name_, author = std::move(author), what = std::move(what),
-              done, edit = std::make_shared<Edit>(std::move(edit))] {
+              done, edit = std::make_shared<editing::Edit>(std::move(edit))] {
     edits->ask(
         std::move(*edit),
-        [resources, budgets, spent, name, author, what, done](const Edits::Answer& number, std::uint64_t posts) {
+        [resources, budgets, spent, name, author, what, done](const editing::Edits::Answer& number, std::uint64_t posts) {
           budgets->spendRest(*spent, posts, resources->timer->now());
           if (number && posts > 0) audit(name, author, what, *number);
           count(*resources->figures, number);
@@ -146,8 +148,8 @@ void Session::edit(Edit edit, const std::shared_ptr<Budgets>& budgets, std::func
   };
   if (!claim_ || claiming_->isDone) return ask();
   const auto early = [resources = resources_, done](Error why) {
-    Edits::Answer answer(std::move(why));
-    answer.why = Edits::Answer::Why::kEarly;
+    editing::Edits::Answer answer(std::move(why));
+    answer.why = editing::Edits::Answer::Why::kEarly;
     count(*resources->figures, answer);
     done(answer);
   };

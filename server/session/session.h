@@ -14,15 +14,15 @@
 
 #include "common/outcome/outcome.h"
 #include "common/terrain/terrain.h"
+#include "server/clock/session_clock.h"
+#include "server/editing/edit_pages.h"
+#include "server/editing/edits.h"
+#include "server/presence/presence.h"
 #include "server/recording/events.h"
 #include "server/session/budgets.h"
 #include "server/session/camera_quota.h"
-#include "server/session/edit_pages.h"
-#include "server/session/edits.h"
 #include "server/session/live_cameras.h"
-#include "server/session/presence.h"
 #include "server/session/resources.h"
-#include "server/session/session_clock.h"
 #include "server/session/world_spec.h"
 
 namespace ridgecast::session {
@@ -39,15 +39,15 @@ struct Membership {
 class Session {
  public:
   Session(std::string name, std::shared_ptr<const terrain::Terrain> terrain, WorldSpec spec, std::shared_ptr<const Resources> resources,
-          std::shared_ptr<CameraQuota> quota, Edits::Kept kept = {});
+          std::shared_ptr<CameraQuota> quota, editing::Edits::Kept kept = {});
 
   const std::string& name() const { return name_; }
-  Ground ground() const { return edits_->ground(); }
+  editing::Ground ground() const { return edits_->ground(); }
   std::shared_ptr<const terrain::Terrain> terrain() const { return ground().terrain; }  // of ground()
-  Edits& edits() const { return *edits_; }
-  EditPages& editPages() const { return *editPages_; }
+  editing::Edits& edits() const { return *edits_; }
+  editing::EditPages& editPages() const { return *editPages_; }
   // Asks for the edit, charged to these budgets. `done` as Edits::Done. Before the first: claimBeforeEdits().
-  void edit(Edit edit, const std::shared_ptr<Budgets>& budgets, std::function<void(const Edits::Answer& number)> done);
+  void edit(editing::Edit edit, const std::shared_ptr<Budgets>& budgets, std::function<void(const editing::Edits::Answer& number)> done);
   // Calls this before an edit is made, until it succeeds; edits wait for it, at most kMaxClaiming. Set before anybody has the session.
   using Claim = std::function<void(std::function<void(Outcome<void>)> done)>;
   static constexpr std::uint32_t kMaxClaiming = 64;
@@ -55,14 +55,14 @@ class Session {
   const WorldSpec& spec() const { return spec_; }
   std::uint64_t contentHash() const { return contentHash_; }  // of the world, whatever its edits
   // Of world and edits: another for other ground. Equal on all servers with the same ground.
-  std::uint64_t hashOf(const Ground& ground) const;
+  std::uint64_t hashOf(const editing::Ground& ground) const;
   const Resources& resources() const { return *resources_; }
   std::uint32_t members() const { return *members_ & ~kEnded; }  // on this server
   // Members on other servers, which count for Limits::maxMembers.
   void setMembersElsewhere(std::uint32_t members) { membersElsewhere_ = members; }
   std::uint32_t membersElsewhere() const { return membersElsewhere_; }
-  Presence& presence() const { return *presence_; }
-  SessionClock& clock() const { return *clock_; }
+  presence::Presence& presence() const { return *presence_; }
+  clock::SessionClock& clock() const { return *clock_; }
   LiveCameras& live() const { return *live_; }
   recording::Observer* observer() const { return observer_.get(); }  // null: it is not recorded
   // Tells the observer, of what happens now.
@@ -96,11 +96,11 @@ class Session {
   std::atomic<std::uint32_t> membersElsewhere_{0};
   std::shared_ptr<CameraQuota> quota_;
   std::shared_ptr<recording::Observer> observer_;
-  std::shared_ptr<SessionClock> clock_;
-  std::shared_ptr<Presence> presence_;
+  std::shared_ptr<clock::SessionClock> clock_;
+  std::shared_ptr<presence::Presence> presence_;
   std::shared_ptr<LiveCameras> live_ = std::make_shared<LiveCameras>();
-  std::shared_ptr<Edits> edits_;
-  std::shared_ptr<EditPages> editPages_;
+  std::shared_ptr<editing::Edits> edits_;
+  std::shared_ptr<editing::EditPages> editPages_;
   Claim claim_;  // empty: none is needed
   struct Claiming {
     std::atomic<bool> isDone{false};

@@ -6,7 +6,6 @@
 #include <mutex>
 
 #include "server/scheduling/pool.h"
-#include "server/session/sender.h"
 
 namespace ridgecast::session {
 

@@ -38,7 +38,7 @@ std::vector<Numbered> numbered(const map::Bounds& bounds, int finest) {
   return out;
 }
 
-std::string metadataOf(const session::Session& session, const session::Ground& ground, const OfMapTiles& of, const map::Bounds& b) {
+std::string metadataOf(const session::Session& session, const editing::Ground& ground, const OfMapTiles& of, const map::Bounds& b) {
   nlohmann::json out{{"name", std::string(ground.terrain->name()) + (of.colours ? " colours" : " heights")},
                      {"type", of.colours ? "overlay" : "baselayer"},
                      {"bounds", text::rounded(b.west, 9) + "," + text::rounded(b.south, 9) + "," + text::rounded(b.east, 9) + "," +
@@ -53,7 +53,7 @@ std::string metadataOf(const session::Session& session, const session::Ground& g
 Result<std::uint64_t> makeArchive(const session::Session& session, const OfMapTiles& of, unsigned threads,
                                   const std::filesystem::path& file, std::stop_token stop, TilesProgress* progress) {
   expects(threads > 0, "an archive is made by one thread or more");
-  const session::Ground ground = session.ground();
+  const editing::Ground ground = session.ground();
   const terrain::Raster* const map = ground.terrain->raster();
   const auto bounds = map::boundsOf(of.part, map, of.at);
   if (!bounds)

@@ -29,7 +29,7 @@ Json describeBox(lattice::Point low, lattice::Point high) {
   return {{"x0", metres(low.x)}, {"z0", metres(low.z)}, {"x1", metres(high.x)}, {"z1", metres(high.z)}};
 }
 
-void describeWorld(const session::Session& session, const session::Ground& ground, lattice::Point origin, Json& extras) {
+void describeWorld(const session::Session& session, const editing::Ground& ground, lattice::Point origin, Json& extras) {
   const terrain::Terrain& terrain = *ground.terrain;
   extras["session"] = session.name();
   extras["terrain"] = terrain.name();

@@ -141,7 +141,7 @@ Result<Made> ofCamera(const session::Session& session, const OfCamera& of, const
   return out;
 }
 
-Result<Made> ofPose(const session::Ground& ground, const OfPose& of, const Limits& limits, const std::shared_ptr<scheduling::Pool>& pool,
+Result<Made> ofPose(const editing::Ground& ground, const OfPose& of, const Limits& limits, const std::shared_ptr<scheduling::Pool>& pool,
                     const Watch& watch) {
   Made out;
   camera::Camera camera = of.camera;
@@ -217,7 +217,7 @@ Result<box::BoxMesh> meshParts(const terrain::Terrain& terrain, const OfBox& of,
   return all;
 }
 
-Result<Made> ofBox(const session::Ground& ground, const OfBox& of, const Limits& limits, const std::shared_ptr<scheduling::Pool>& pool,
+Result<Made> ofBox(const editing::Ground& ground, const OfBox& of, const Limits& limits, const std::shared_ptr<scheduling::Pool>& pool,
                    const Watch& watch, Progress* progress) {
   auto box = meshParts(*ground.terrain, of, limits, *pool, watch, progress);
   if (!box) return box.error();
@@ -240,7 +240,7 @@ tileset::Known knownOf(const tileset::Tile& tile, const OfTile& of) {
   return {tile.low, tile.high, metres(lowest), metres(highest), of.box.error};
 }
 
-Result<Made> ofTile(const session::Ground& ground, const OfTile& of, const Limits& limits, const std::shared_ptr<scheduling::Pool>& pool,
+Result<Made> ofTile(const editing::Ground& ground, const OfTile& of, const Limits& limits, const std::shared_ptr<scheduling::Pool>& pool,
                     const Watch& watch) {
   auto tile = tileset::meshTile(*ground.terrain, of, limits.triangles, *pool, watch);
   if (!tile) return tile.error();
@@ -313,7 +313,7 @@ Json describe(const map::Sheet& grid) {
           {"pitch", {{"x", metres(grid.pitchX)}, {"z", metres(grid.pitchZ)}}}};
 }
 
-Result<Snapshot> ofGrid(const session::Session& session, const session::Ground& ground, const OfGrid& grid, scheduling::Pool& pool,
+Result<Snapshot> ofGrid(const session::Session& session, const editing::Ground& ground, const OfGrid& grid, scheduling::Pool& pool,
                         const Watch& watch, Progress* progress) {
   Json extras = describe(grid.sheet);
   describeWorld(session, ground, {std::llround(grid.sheet.x), std::llround(grid.sheet.z)}, extras);
@@ -351,7 +351,7 @@ std::string Progress::text() const {
 Snapshots::Snapshots(const Limits& limits, unsigned threads, const scheduling::Executor* cameras)
     : limits_(limits), executor_(threads ? threads : std::max(1u, std::thread::hardware_concurrency() - 1), cameras, limits.share) {}
 
-Result<Snapshot> Snapshots::take(const session::Session& session, session::Ground ground, const Question& question, bool metadataOnly,
+Result<Snapshot> Snapshots::take(const session::Session& session, editing::Ground ground, const Question& question, bool metadataOnly,
                                  std::stop_token stop, Progress* progress) {
   expects(question.format < Format::kTiles && !std::holds_alternative<OfMapTiles>(question.of), "a snapshot is one file");
   expects(std::holds_alternative<OfGrid>(question.of) == (question.format == Format::kTiff), "a GeoTIFF is of a grid, and no other file");
@@ -424,7 +424,7 @@ Result<Snapshot> Snapshots::take(const session::Session& session, session::Groun
   return out;
 }
 
-std::string Snapshots::etag(const session::Session& session, const session::Ground& ground, const Question& question, bool metadataOnly) {
+std::string Snapshots::etag(const session::Session& session, const editing::Ground& ground, const Question& question, bool metadataOnly) {
   if (std::holds_alternative<OfCamera>(question.of)) return {};
   std::uint64_t first = lattice::mix(session.hashOf(ground) ^ kVersion), second = lattice::mix(first);
   const std::string text = canonical(question);

@@ -56,11 +56,11 @@ class Snapshots {
 
   // Of this ground of the session; of a live camera's mesh, whatever ground that is of. Blocks until the snapshot is made; call it on its
   // own thread. Any thread.
-  Result<Snapshot> take(const session::Session& session, session::Ground ground, const Question& question, bool metadataOnly,
+  Result<Snapshot> take(const session::Session& session, editing::Ground ground, const Question& question, bool metadataOnly,
                         std::stop_token stop, Progress* progress = nullptr);
 
   // Equal for equal files; empty if only the file itself can tell (a live camera).
-  static std::string etag(const session::Session& session, const session::Ground& ground, const Question& question, bool metadataOnly);
+  static std::string etag(const session::Session& session, const editing::Ground& ground, const Question& question, bool metadataOnly);
 
  private:
   const Limits limits_;

@@ -180,7 +180,7 @@ class Making {
 
   Snapshots& snapshots_;
   const session::Session& session_;
-  const session::Ground ground_;  // of all tiles
+  const editing::Ground ground_;  // of all tiles
   const Question& question_;
   const box::Box box_;
   const std::optional<earth::Placement> placement_;

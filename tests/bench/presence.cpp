@@ -26,7 +26,7 @@
 #include <vector>
 
 #include "common/wire/wire.h"
-#include "server/session/presence.h"
+#include "server/presence/presence.h"
 #include "tests/bench/bench.h"
 #include "tests/bench/frames.h"
 #include "tests/bench/usage.h"
@@ -79,7 +79,7 @@ wire::Hello helloOf(int index) {
   return hello;
 }
 
-struct Counting final : session::Sender {
+struct Counting final : conversation::Sender {
   void send(wire::ServerMessage, std::shared_ptr<const void>) override {}
   void sendShared(std::shared_ptr<const std::string> encoded, std::shared_ptr<const void>) override { bytes += encoded->size(); }
   std::size_t queuedBytes() const override { return 0; }
@@ -90,9 +90,9 @@ struct Counting final : session::Sender {
 void measureRoom(const Town& plan, Report& report) {
   testing_support::SimulatedTimer timer;
   testing_support::SimulatedEngine engine(timer);
-  std::vector<std::shared_ptr<session::Presence>> sessions;
+  std::vector<std::shared_ptr<presence::Presence>> sessions;
   for (int k = 0; k < 2; ++k) {
-    sessions.push_back(std::make_shared<session::Presence>(timer, std::make_shared<session::SessionClock>(timer)));
+    sessions.push_back(std::make_shared<presence::Presence>(timer, std::make_shared<clock::SessionClock>(timer)));
     sessions.back()->share(engine.connect(), "members/default");
   }
   std::vector<std::shared_ptr<Counting>> senders;

@@ -103,8 +103,8 @@ class Member {
 
 class EditsTest : public LoopbackTest {
  protected:
-  void SetUp() override { serve(std::make_unique<session::SteadyTimer>()); }
-  void serve(std::unique_ptr<const session::Timer> timer) {
+  void SetUp() override { serve(std::make_unique<scheduling::SteadyTimer>()); }
+  void serve(std::unique_ptr<const scheduling::Timer> timer) {
     open({}, {}, std::move(timer));
     listen({http::queryRoute(directory), http::editsRoute(directory), http::mapTileRoute(directory)});
   }

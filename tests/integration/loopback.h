@@ -19,7 +19,7 @@ class LoopbackTest : public testing::Test {
  protected:
   // Alpine as the default session; others may be added before listen(). `makeTerrain`: for sessions that clients create.
   void open(session::MakeTerrain makeTerrain = {}, session::Record record = {},
-            std::unique_ptr<const session::Timer> timer = std::make_unique<session::SteadyTimer>()) {
+            std::unique_ptr<const scheduling::Timer> timer = std::make_unique<scheduling::SteadyTimer>()) {
     logging::setUp(logging::Format::kText, logging::Level::kWarning);
     executor = std::make_unique<scheduling::Executor>(2);
     auto resources = std::make_shared<session::Resources>();

@@ -49,7 +49,7 @@ class RecordingTest : public LoopbackTest {
  protected:
   void SetUp() override {
     recorder = recording::Recorder::open(folder, 1 << 26).value();
-    open({}, [this](recording::World world, std::vector<recording::Edited> past, session::Timer::Time now) {
+    open({}, [this](recording::World world, std::vector<recording::Edited> past, scheduling::Timer::Time now) {
       return recorder->begin(std::move(world), std::move(past), now);
     });
     ASSERT_TRUE(directory->add("stepped", base, {}, {}, wire::ClockMode::kStepped));

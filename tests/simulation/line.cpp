@@ -58,7 +58,7 @@ void Line::hear(wire::ClientMessage message) {
     return;
   }
   EXPECT_LE(openEdits_, wire::kMaxEdits + 2) << "more edits of one client are open than there may be";
-  EXPECT_LE(openEditsOfAll_.edits, static_cast<std::int64_t>(session::Edits::kMaxWaiting)) << "more edits wait than there may be";
+  EXPECT_LE(openEditsOfAll_.edits, static_cast<std::int64_t>(editing::Edits::kMaxWaiting)) << "more edits wait than there may be";
 }
 
 void Line::opens(const wire::Edit& edit) {
@@ -84,7 +84,7 @@ void Line::leaves(const wire::ServerMessage& message) {
   if (!answer) return;
   EXPECT_NE(answer->number == 0, answer->refusal.empty()) << answer->refusal;
   if (answer->refusal.find("edits of this session wait") != std::string::npos) {
-    EXPECT_EQ(openEditsOfAll_.edits, static_cast<std::int64_t>(session::Edits::kMaxWaiting) + 1) << answer->refusal;
+    EXPECT_EQ(openEditsOfAll_.edits, static_cast<std::int64_t>(editing::Edits::kMaxWaiting) + 1) << answer->refusal;
   }
   --openEdits_;
   closes(answer->id);

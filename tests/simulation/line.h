@@ -23,7 +23,7 @@ namespace ridgecast::simulation {
 
 using testing_support::SimulatedTimer;
 
-class Line final : public session::Sender, public std::enable_shared_from_this<Line> {
+class Line final : public conversation::Sender, public std::enable_shared_from_this<Line> {
  public:
   struct Way {
     Duration delay{};             // each way

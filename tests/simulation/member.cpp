@@ -396,7 +396,7 @@ bool Member::rests(std::uint64_t edit) const {
          (!nature_.hello.edits || editor_.followed() == edit);
 }
 
-bool Member::knows(const session::Presence::State& state) const {
+bool Member::knows(const presence::Presence::State& state) const {
   const wire::Clock& clock = conversation().clock().said();
   const auto isSame = [&](const auto field) { return clock.*field == state.clock.*field; };
   if (nature_.hello.clock && !(isSame(&wire::Clock::step) && isSame(&wire::Clock::owner) && isSame(&wire::Clock::waitsFor))) return false;

@@ -63,11 +63,11 @@ class Member {
   bool wasRefused() const { return editor_.wasRefused(); }
   // Everything it has been told is taken, every question answered, and the mesh is at rest at its last pose on the ground of this edit.
   bool rests(std::uint64_t edit) const;
-  bool knows(const session::Presence::State& state) const;  // the others and the clock, as far as it wants to
-  void judge(const terrain::Terrain& ground) const;         // its mesh: every vertex lies on this
-  void judgeWait() const;                                   // the server owes it nothing, once all has arrived
-  std::string state() const;                                // for a person
-  std::uint64_t history() const { return history_; }        // a hash of what it has seen
+  bool knows(const presence::Presence::State& state) const;  // the others and the clock, as far as it wants to
+  void judge(const terrain::Terrain& ground) const;          // its mesh: every vertex lies on this
+  void judgeWait() const;                                    // the server owes it nothing, once all has arrived
+  std::string state() const;                                 // for a person
+  std::uint64_t history() const { return history_; }         // a hash of what it has seen
 
  private:
   core::Conversation& conversation() { return client_->conversation(); }

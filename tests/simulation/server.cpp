@@ -18,7 +18,7 @@
 namespace ridgecast::simulation {
 
 // The simulation's, for as long as the server lives.
-class Server::Clock final : public session::Timer {
+class Server::Clock final : public scheduling::Timer {
  public:
   Clock(const testing_support::SimulatedTimer& timer, std::shared_ptr<const bool> alive) : timer_(timer), alive_(std::move(alive)) {}
   Time now() const override { return timer_.now(); }
@@ -75,7 +75,7 @@ void Server::fill(std::uint64_t edits, lattice::Point near) {
                                          {std::string(terrain_->name()), terrain_->seed(), {}, terrain::contentHash(*terrain_)})
                        .value();
   edits::History history(terrain_);
-  for (std::vector<session::Applied> group; edits > 0; group.clear()) {
+  for (std::vector<editing::Applied> group; edits > 0; group.clear()) {
     const auto before = history.layer();
     std::vector<edits::Posts> changed;
     for (; edits > 0 && group.size() < 256; --edits) {

@@ -24,7 +24,7 @@
 namespace ridgecast::simulation {
 
 using Random = std::mt19937_64;
-using Time = session::Timer::Time;
+using Time = scheduling::Timer::Time;
 using Duration = Time::duration;
 
 class Line;

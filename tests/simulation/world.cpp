@@ -306,7 +306,7 @@ void World::judge() {
     step_ = clock.step;
     stepSeen_ = timer_.now();
   }
-  EXPECT_LE(timer_.now() - stepSeen_, session::SessionClock::kStepTimeout + 4s) << "step " << step_ << " waits";
+  EXPECT_LE(timer_.now() - stepSeen_, clock::SessionClock::kStepTimeout + 4s) << "step " << step_ << " waits";
   for (const auto& member : members_) member->judgeWait();
 }
 

@@ -10,7 +10,7 @@
 namespace ridgecast::testing_support {
 
 using bus::Appended, bus::Bus, bus::Entry, bus::Record;
-using Time = session::Timer::Time;
+using Time = scheduling::Timer::Time;
 using Run = std::function<void()>;
 
 namespace {

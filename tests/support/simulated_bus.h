@@ -25,7 +25,7 @@ namespace ridgecast::testing_support {
 // Any thread. Buses live as long as anyone holds them, and need the timer.
 class SimulatedEngine {
  public:
-  using Duration = session::Timer::Time::duration;
+  using Duration = scheduling::Timer::Time::duration;
   static constexpr std::chrono::seconds kGrace{2};  // after loseEnd(), without new entries
 
   explicit SimulatedEngine(const SimulatedTimer& timer, std::uint64_t seed = 1);

@@ -6,12 +6,12 @@
 #include <mutex>
 #include <utility>
 
-#include "server/session/timer.h"
+#include "server/scheduling/timer.h"
 
 namespace ridgecast::testing_support {
 
 // One thread moves it; any thread reads it and schedules calls.
-class SimulatedTimer final : public session::Timer {
+class SimulatedTimer final : public scheduling::Timer {
  public:
   Time now() const override {
     const std::lock_guard lock(mutex_);

@@ -119,7 +119,7 @@ TEST_F(KeptEdits, AListOfASessionThatHasEndedIsRefusedNotEmpty) {
   Served server(state);
   const auto session = server.add("site");
   ASSERT_TRUE(server.directory->remove("site"));
-  std::optional<Outcome<std::vector<Applied>>> list;
+  std::optional<Outcome<std::vector<editing::Applied>>> list;
   session->edits().read(0, 1000, [&](auto made) { list = std::move(made); });
   server.executor.work();
   EXPECT_THAT(list->error().message, HasSubstr("has ended"));
@@ -130,7 +130,7 @@ TEST_F(KeptEdits, ANewLogIsNew) {
   Served server(state);
   const auto session = server.add("site");
   const auto stranger = folder / "site.edits";
-  const Applied made{1, "", "", 0, edits::pack(craterAt(0)), {}};
+  const editing::Applied made{1, "", "", 0, edits::pack(craterAt(0)), {}};
   ASSERT_TRUE(edit_log::Log::create(stranger, {}).value()->append({&made, 1}, {{}, {}, {}}));
   std::filesystem::copy(stranger, site);
   EXPECT_THAT(server.edit(*session).error().message, HasSubstr("has edits already"));

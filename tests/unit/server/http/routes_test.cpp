@@ -113,7 +113,7 @@ TEST(QueryParameter, FirstOfItsNameDecoded) {
   EXPECT_TRUE(queryParameter("a=%&b=1", "b"));
 }
 
-struct NoSender final : session::Sender {
+struct NoSender final : conversation::Sender {
   void send(wire::ServerMessage, std::shared_ptr<const void>) override {}
   void sendShared(std::shared_ptr<const std::string>, std::shared_ptr<const void>) override {}
   std::size_t queuedBytes() const override { return 0; }

@@ -33,7 +33,7 @@ using testing_support::await;
 using testing_support::SimulatedEngine;
 using testing_support::SimulatedTimer;
 
-class Line final : public session::Sender {
+class Line final : public conversation::Sender {
  public:
   void send(wire::ServerMessage message, std::shared_ptr<const void>) override {
     const std::lock_guard lock(mutex_);

@@ -48,7 +48,7 @@ struct Script {
 MakeMesh scriptedMeshes(const std::shared_ptr<Script>& script);
 
 // Records what is sent; applies iterations all or nothing.
-class Client : public Sender {
+class Client : public conversation::Sender {
  public:
   void send(wire::ServerMessage message, std::shared_ptr<const void> ticket) override;
   void sendShared(std::shared_ptr<const std::string> encoded, std::shared_ptr<const void> ticket) override {

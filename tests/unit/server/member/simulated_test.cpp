@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "common/wire/wire.h"
-#include "server/session/presence.h"
+#include "server/presence/presence.h"
 #include "tests/support/bytes.h"
 #include "tests/support/simulated_timer.h"
 #include "tests/support/waiting.h"
@@ -21,8 +21,8 @@ namespace {
 using namespace std::chrono_literals;
 using testing_support::SimulatedTimer;
 
-struct Watcher final : Sender {
-  explicit Watcher(const Timer& t) : timer(t) {}
+struct Watcher final : conversation::Sender {
+  explicit Watcher(const scheduling::Timer& t) : timer(t) {}
   void send(wire::ServerMessage message, std::shared_ptr<const void>) override {
     if (const auto* members = std::get_if<wire::Members>(&message)) {
       times.push_back(timer.now());
@@ -37,8 +37,8 @@ struct Watcher final : Sender {
   std::size_t queuedBytes() const override { return 0; }
   void fail(wire::ErrorMessage) override { ADD_FAILURE(); }
 
-  const Timer& timer;
-  std::vector<Timer::Time> times;
+  const scheduling::Timer& timer;
+  std::vector<scheduling::Timer::Time> times;
   std::vector<wire::Clock> clocks;
   std::uint64_t last = 0;
   std::size_t bytes = 0;  // of Members
@@ -54,8 +54,8 @@ SimulatedTimer& simulateTime(Resources& resources) {
 
 TEST(Simulated, AMemberIsNotifiedTwentyTimesASecondAndOfTheLastPose) {
   SimulatedTimer timer;
-  const auto clock = std::make_shared<SessionClock>(timer);
-  const auto presence = std::make_shared<Presence>(timer, clock);
+  const auto clock = std::make_shared<clock::SessionClock>(timer);
+  const auto presence = std::make_shared<presence::Presence>(timer, clock);
   wire::Hello hello;
   hello.members = true;
   const auto watcher = std::make_shared<Watcher>(timer), other = std::make_shared<Watcher>(timer);
@@ -71,7 +71,8 @@ TEST(Simulated, AMemberIsNotifiedTwentyTimesASecondAndOfTheLastPose) {
   timer.advance(1s);
   EXPECT_GE(watcher->times.size(), 199u);
   EXPECT_LE(watcher->times.size(), 202u);
-  for (std::size_t k = 1; k < watcher->times.size(); ++k) EXPECT_GE(watcher->times[k] - watcher->times[k - 1], Presence::kMinPause);
+  for (std::size_t k = 1; k < watcher->times.size(); ++k)
+    EXPECT_GE(watcher->times[k] - watcher->times[k - 1], presence::Presence::kMinPause);
   EXPECT_EQ(watcher->last, kPoses);
   EXPECT_TRUE(other->times.empty());
   EXPECT_EQ(timer.pending(), 0u) << "nothing runs while nothing changes";
@@ -79,8 +80,8 @@ TEST(Simulated, AMemberIsNotifiedTwentyTimesASecondAndOfTheLastPose) {
 
 TEST(Simulated, NewsOfMembersTakeAQuarterOfABudgetOfBytes) {
   SimulatedTimer timer;
-  const auto clock = std::make_shared<SessionClock>(timer);
-  const auto presence = std::make_shared<Presence>(timer, clock);
+  const auto clock = std::make_shared<clock::SessionClock>(timer);
+  const auto presence = std::make_shared<presence::Presence>(timer, clock);
   wire::Hello hello;
   hello.members = true;
   const auto watcher = std::make_shared<Watcher>(timer), other = std::make_shared<Watcher>(timer);
@@ -103,8 +104,8 @@ TEST(Simulated, NewsOfMembersTakeAQuarterOfABudgetOfBytes) {
 
 TEST(Simulated, TheClockIsTheTimers) {
   SimulatedTimer timer;
-  const auto clock = std::make_shared<SessionClock>(timer);
-  const auto presence = std::make_shared<Presence>(timer, clock);
+  const auto clock = std::make_shared<clock::SessionClock>(timer);
+  const auto presence = std::make_shared<presence::Presence>(timer, clock);
   const auto watcher = std::make_shared<Watcher>(timer);
   presence->join(1, {}, watcher, {});
   timer.advance(36h);
@@ -124,8 +125,8 @@ struct Stepping {
     clock->receive(1, wire::SetClock{true, wire::ClockMode::kStepped, 0});
   }
   SimulatedTimer timer;
-  const std::shared_ptr<SessionClock> clock = std::make_shared<SessionClock>(timer);
-  const std::shared_ptr<Presence> presence = std::make_shared<Presence>(timer, clock);
+  const std::shared_ptr<clock::SessionClock> clock = std::make_shared<clock::SessionClock>(timer);
+  const std::shared_ptr<presence::Presence> presence = std::make_shared<presence::Presence>(timer, clock);
   const std::shared_ptr<Watcher> owner = std::make_shared<Watcher>(timer), slow = std::make_shared<Watcher>(timer),
                                  other = std::make_shared<Watcher>(timer);
 };
@@ -134,14 +135,14 @@ using testing::HasSubstr;
 
 TEST(Simulated, AStepByAnotherMemberIsAnsweredWithASentence) {
   Stepping s;
-  EXPECT_EQ(s.clock->step(2, {10, false}), Clock::Stepped::kNotYours);
+  EXPECT_EQ(s.clock->step(2, {10, false}), clock::Clock::Stepped::kNotYours);
   EXPECT_THAT(s.slow->clocks.back().notice, HasSubstr("belongs to member 1"));
   s.clock->receive(2, wire::SetClock{true, wire::ClockMode::kRealTime, 1});
   EXPECT_THAT(s.slow->clocks.back().notice, HasSubstr("belongs to member 1"));
   s.clock->receive(2, wire::AskClock{3});
   EXPECT_EQ(s.slow->clocks.back().notice, "");
   s.presence->leave(1);
-  EXPECT_EQ(s.clock->step(2, {10, false}), Clock::Stepped::kNotYours);
+  EXPECT_EQ(s.clock->step(2, {10, false}), clock::Clock::Stepped::kNotYours);
   EXPECT_THAT(s.slow->clocks.back().notice, HasSubstr("Nobody owns the clock"));
 }
 
@@ -310,7 +311,7 @@ struct Room : testing::Test {
     member.camera.reset();
     EXPECT_TRUE(testing_support::await([&] { return directory->cameras() == cameras.size(); }));
   }
-  void pass(Timer::Time::duration time) {
+  void pass(scheduling::Timer::Time::duration time) {
     timer.advance(time);
     EXPECT_TRUE(testing_support::await([&] { return executor.queued() == 0; }));
   }
@@ -437,7 +438,7 @@ TEST(Simulated, RepairsOnManyConnectionsOfOneClientHaveOneBudget) {
 // A member who asks for 256 rays at a time, none of which meets the ground within 100 km: nearly a quarter of a second of the budget.
 class SimulatedQueries : public testing::Test {
  protected:
-  struct Asker final : Sender {
+  struct Asker final : conversation::Sender {
     void send(wire::ServerMessage message, std::shared_ptr<const void>) override {
       worlds += std::holds_alternative<wire::World>(message);
       answers += std::holds_alternative<wire::Answer>(message);

@@ -33,7 +33,7 @@ class Terraces final : public terrain::Terrain, public terrain::Raster {
   terrain::RasterShape shape_{.width = 2, .height = 2};
 };
 
-class Listener final : public Sender {
+class Listener final : public conversation::Sender {
  public:
   void send(wire::ServerMessage message, std::shared_ptr<const void>) override {
     const std::lock_guard lock(mutex_);

@@ -19,7 +19,7 @@ using questions::Grounds;
 using namespace std::chrono_literals;
 using lattice::Step;
 
-class GroundListener final : public Sender {
+class GroundListener final : public conversation::Sender {
  public:
   void send(wire::ServerMessage message, std::shared_ptr<const void>) override {
     const std::lock_guard lock(mutex_);
@@ -57,7 +57,7 @@ class GroundsTest : public testing::Test {
  protected:
   std::shared_ptr<Grounds> over(const std::string& terrain, std::uint32_t budget = 200'000) {
     terrain_ = terrain::create(terrain, 5).value();
-    return std::make_shared<Grounds>([this] { return Ground{terrain_, 0}; }, budget, queue, listener, testing_support::kTimeout);
+    return std::make_shared<Grounds>([this] { return editing::Ground{terrain_, 0}; }, budget, queue, listener, testing_support::kTimeout);
   }
   scheduling::Executor executor{2};
   std::shared_ptr<SlotQueue> queue = QueryQueues(executor).grounds;
@@ -111,7 +111,11 @@ TEST_F(GroundsTest, CoversTheCircleWithinTheErrorItStates) {
 TEST_F(GroundsTest, ALargeGroundLeavesOthersTheirTurns) {
   scheduling::Executor one(1);
   terrain_ = terrain::create("alpine", 5).value();
-  const auto grounds = std::make_shared<Grounds>([this] { return Ground{terrain_, 0}; }, 500'000, QueryQueues(one).grounds, listener);
+  const auto grounds = std::make_shared<Grounds>(
+      [this] {
+        return editing::Ground{terrain_, 0};
+      },
+      500'000, QueryQueues(one).grounds, listener);
   ASSERT_TRUE(grounds->ask({1, {0, 0}, 4096, 0.02}));
   const auto honest = one.makePool();
   for (int k = 0; k < 50; ++k) {
@@ -183,7 +187,7 @@ TEST_F(GroundsTest, CliffsSayWhichErrorFitsAndItDoes) {
   terrain_ = std::make_shared<Fences>();
   const auto grounds = std::make_shared<Grounds>(
       [this] {
-        return Ground{terrain_, 0};
+        return editing::Ground{terrain_, 0};
       },
       200'000, queue, listener, testing_support::kTimeout);
   double error = 0.5;
@@ -203,7 +207,7 @@ TEST_F(GroundsTest, CliffsSayWhichErrorFitsAndItDoes) {
 
 TEST_F(GroundsTest, AQuestionHasOneDeadline) {
   terrain_ = terrain::create("alpine", 5).value();
-  const auto grounds = std::make_shared<Grounds>([this] { return Ground{terrain_, 0}; }, 500'000, queue, listener, 0s);
+  const auto grounds = std::make_shared<Grounds>([this] { return editing::Ground{terrain_, 0}; }, 500'000, queue, listener, 0s);
   ASSERT_TRUE(grounds->ask({3, {0, 0}, 4096, 0.02}));
   const auto ground = listener->next();
   ASSERT_TRUE(ground);
@@ -221,7 +225,7 @@ TEST_F(GroundsTest, FewerAreInWorkThanThereAreThreads) {
     for (std::uint64_t k = 0; k < 8; ++k) {
       cameras.push_back(std::make_shared<Grounds>(
           [this] {
-            return Ground{terrain_, 0};
+            return editing::Ground{terrain_, 0};
           },
           200'000, shared, listener, testing_support::kTimeout));
       ASSERT_TRUE(cameras.back()->ask({k, {0, 0}, 100, 0.5}));

@@ -267,7 +267,7 @@ TEST_F(TakeTest, WhatCannotBeSaysWhy) {
 }
 
 // Hears of the first iteration.
-class Listener final : public session::Sender {
+class Listener final : public conversation::Sender {
  public:
   void send(wire::ServerMessage message, std::shared_ptr<const void>) override {
     if (std::holds_alternative<wire::World>(message)) world.set_value();
