@@ -22,7 +22,7 @@ bool Queries::ask(wire::Query query) {
     const std::lock_guard lock(mutex_);
     if (*open_ >= wire::kMaxQueries) return false;
     ++*open_;
-    session::Ground ground = session_->ground();
+    editing::Ground ground = session_->ground();
     pending_.push_back(std::make_unique<query::Answering>(std::move(ground.terrain), std::move(query), ground.edit));
     if (std::exchange(runs_, true)) return true;
   }
