@@ -78,6 +78,8 @@ class SessionClock : public std::enable_shared_from_this<SessionClock> {
   void tell(std::string sentence);
   void tell(std::uint64_t camera, std::string sentence);
 
+  // What it says is the clock of all servers, or they cannot be reached.
+  bool isCurrent() const;
   wire::Clock state() const;
   std::uint64_t time() const;  // microseconds
 
