@@ -254,6 +254,11 @@ SharedClock::Now SessionClock::sharedNow() const {
   return {timer_.now(), Clock::Instant(std::chrono::microseconds(bus_->now())), bus_->isAway()};
 }
 
+bool SessionClock::isCurrent() const {
+  const Lock lock(mutex_);
+  return !shared_ || shared_->version() > 0 || bus_->isAway();
+}
+
 bool SessionClock::refuses(Entry& entry) {
   if (!bus_->isAway()) return false;
   send(entry, 0,

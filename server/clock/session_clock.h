@@ -81,6 +81,8 @@ class SessionClock : public std::enable_shared_from_this<SessionClock> {
   // Why what this member said has no effect.
   void refuse(std::uint64_t camera, std::string sentence);
 
+  // What it says is the clock of all servers, or they cannot be reached.
+  bool isCurrent() const;
   wire::Clock state() const;
   std::uint64_t time() const;  // microseconds
 

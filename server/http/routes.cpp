@@ -116,7 +116,7 @@ Reply onceHas(std::string_view edit, const std::shared_ptr<session::Session>& se
   if (!wanted)
     return refuses(refused(400, metrics::Refusal::kRequest, std::string(kEditHeader) + " is the number of an edit, such as 17."));
   const std::uint64_t last = session->ground().edit;
-  if (session->edits().isCurrent() && *wanted <= last) return go();
+  if (session->isCurrent() && *wanted <= last) return go();
   if (session->resources().bus->server() == 0)
     return refuses(refused(409, metrics::Refusal::kSession,
                            "Edit " + std::to_string(*wanted) + " has not been made in session '" + session->name() +
@@ -124,7 +124,7 @@ Reply onceHas(std::string_view edit, const std::shared_ptr<session::Session>& se
   const auto until = std::chrono::steady_clock::now() + kAwaitEdit;
   return DeferredResponse{.work = [session, wanted = *wanted, until, go = std::move(go), refuses](const Turn&) -> Reply {
     const std::uint64_t made = session->ground().edit;
-    if (session->edits().isCurrent() && wanted <= made) return go();
+    if (session->isCurrent() && wanted <= made) return go();
     constexpr std::chrono::milliseconds kPause{5};
     if (const auto now = std::chrono::steady_clock::now(); now < until) return RetryAt{now + kPause};
     return refuses(refused(503, metrics::Refusal::kSession,

@@ -356,10 +356,35 @@ Outcome<earth::Coordinates> coordinatesOf(const session::Session& session, std::
   return earth::Coordinates::of(session.resources().limits.sendsTerrain ? terrain->raster() : nullptr, crs);
 }
 
+namespace {
+
+// The stream of a client that may come from another server, once this one has all edits that the log of both ends with now. While the
+// engine is away it has what it has.
+Reply upgradeOnceThere(std::shared_ptr<session::Session> session) {
+  bus::Bus& bus = *session->resources().bus;
+  if (bus.server() == 0) return Upgrade{std::move(session)};
+  BusAnswer<std::vector<bus::Entry>> read;
+  const std::uint64_t own = session->ground().edit;
+  bus.read(session->name(), own, session::EditOrder::kPageBytes, read.receiver());
+  const auto until = std::chrono::steady_clock::now() + kAwaitEdit;
+  return DeferredResponse{.work = [session = std::move(session), read, own, until](const Turn& turn) -> Reply {
+    const auto entries = read.get(turn.wake);
+    if (!entries) return RetryAt{RetryAt::kWhenWoken};
+    if (!*entries || (*entries)->empty() || session->ground().edit >= (*entries)->back().number) return Upgrade{session};
+    constexpr std::chrono::milliseconds kPause{5};
+    if (const auto now = std::chrono::steady_clock::now(); now < until) return RetryAt{now + kPause};
+    return refused(503, metrics::Refusal::kSession,
+                   "What other servers have made of the ground has not reached this server; try again in a moment.",
+                   {{"Retry-After", "1"}});
+  }};
+}
+
+}  // namespace
+
 Reply streamAnswer(const Request& request, directory::Directory& directory) {
   const bool upgrading = upgrades(request);
   const auto enter = [upgrading](std::shared_ptr<session::Session> session) -> Reply {
-    if (upgrading) return Upgrade{std::move(session)};
+    if (upgrading) return upgradeOnceThere(std::move(session));
     return upgradeRequired();
   };
   return inSession(request, directory, enter, upgrading);

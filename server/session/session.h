@@ -52,6 +52,8 @@ class Session {
   using Claim = std::function<void(std::function<void(Outcome<void>)> done)>;
   static constexpr std::uint32_t kMaxClaiming = 64;
   void claimBeforeEdits(Claim claim) { claim_ = std::move(claim); }
+  // Its edits and its clock are those of all servers, or they cannot be reached: somebody who was on another server may come.
+  bool isCurrent() const { return edits_->isCurrent() && clock_->isCurrent(); }
   const WorldSpec& spec() const { return spec_; }
   std::uint64_t contentHash() const { return contentHash_; }  // of the world, whatever its edits
   // Of world and edits: another for other ground. Equal on all servers with the same ground.

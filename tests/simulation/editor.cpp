@@ -31,13 +31,14 @@ void Editor::ask(edits::Operation operation, const Say& say) { send({{"key " + s
 
 void Editor::send(Request request, const Say& say) {
   ++request.sent;
+  request.known = known_;
   wire::Edit edit{0, request.asked.key, edits::toJson(request.asked.operation)};
   open_[++ids_] = std::move(request);
   say(std::move(edit), [this, id = ids_](const Outcome<wire::EditAnswer>& answer) { take(id, answer); });
 }
 
-void Editor::connected(const wire::World& world, const Say& say) {
-  EXPECT_GE(world.edit, known_) << author_ << " is sent ground older than what it knows";
+void Editor::connected(const wire::World& world, const Say& say, bool mayBeBehind) {
+  EXPECT_TRUE(world.edit >= known_ || mayBeBehind) << author_ << " is sent ground older than what it knows";
   truth_.knows(world.edit);
   known_ = std::max(known_, world.edit);
   for (Request& request : std::exchange(lost_, {}))
@@ -50,16 +51,25 @@ void Editor::lost() {
 }
 
 void Editor::take(std::uint64_t id, const Outcome<wire::EditAnswer>& answer) {
-  const auto request = open_.extract(id);
+  auto request = open_.extract(id);
   if (!request) return;  // it was lost
-  const auto& [asked, sent] = request.mapped();
+  const auto& [asked, sent, knownThen] = request.mapped();
   wasRefused_ = !answer;
   if (wasRefused_) {
-    static constexpr const char* kReasons[] = {
-        "Too many or too large edits", "edits of this session wait", "of your edits wait",      "There is no edit",
-        "is undone already",           "no room on the disk",        "is that of another edit", "ran out of memory"};
+    static constexpr const char* kReasons[] = {"Too many or too large edits", "edits of this session wait", "of your edits wait",
+                                               "There is no edit", "is undone already", "no room on the disk", "is that of another edit",
+                                               "ran out of memory",
+                                               // Of several servers:
+                                               "cannot be reached", "wait for the first one", "no room", "has ended"};
     const std::string& refusal = answer.error().message;
     EXPECT_TRUE(std::ranges::any_of(kReasons, [&](const char* r) { return refusal.find(r) != std::string::npos; })) << refusal;
+    const auto* undo = std::get_if<edits::Undo>(&asked.operation.what);
+    EXPECT_FALSE(undo && undo->edit <= knownThen && refusal.find("There is no edit") != refusal.npos)
+        << author_ << " knows it: " << refusal;
+    if (refusal.find("before it was known") != refusal.npos) {
+      if (!asked.key.empty()) lost_.push_back(std::move(request.mapped()));
+      return;
+    }
     if (sent == 1) truth_.refused(author_, asked.key);
     return;
   }

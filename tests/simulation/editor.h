@@ -23,7 +23,7 @@ class Editor {
 
   void edit(lattice::Point near, const Say& say);
   void ask(edits::Operation operation, const Say& say);  // with a key
-  void connected(const wire::World& world, const Say& say);
+  void connected(const wire::World& world, const Say& say, bool mayBeBehind = false);
   void lost();  // the connection
   void take(const std::vector<wire::MadeEdit>& edits);
   void forget() { followed_ = 0; }  // what it followed
@@ -37,6 +37,7 @@ class Editor {
   struct Request {
     Truth::Asked asked;
     std::uint64_t sent = 0;
+    std::uint64_t known = 0;  // the last edit, when it was asked
   };
   void send(Request request, const Say& say);
   void take(std::uint64_t id, const Outcome<wire::EditAnswer>& answer);

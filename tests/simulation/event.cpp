@@ -10,9 +10,10 @@
 namespace ridgecast::simulation {
 namespace {
 
-constexpr std::string_view kNames[] = {"fly",   "lose", "leave", "mute",  "clock", "step",  "threshold", "ask", "edit", "post",
-                                       "stall", "lie",  "wait",  "storm", "stop",  "claim", "crash",     "cut", "fill", "starve"};
-static_assert(std::size(kNames) == static_cast<std::size_t>(Kind::kStarve) + 1);
+constexpr std::string_view kNames[] = {"fly",     "lose", "leave", "mute",     "clock", "step",  "threshold", "ask",  "edit", "post",
+                                       "stall",   "lie",  "wait",  "storm",    "stop",  "claim", "crash",     "cut",  "fill", "starve",
+                                       "upgrade", "part", "halt",  "lose-end", "slow",  "full",  "jump",      "visit"};
+static_assert(std::size(kNames) == static_cast<std::size_t>(Kind::kVisit) + 1);
 
 Event chooseBreak(Random& random) {
   switch (random() % 20) {
@@ -32,6 +33,37 @@ Event chooseBreak(Random& random) {
       return {Kind::kStarve, 0, random() % 3000};
     default:
       return {Kind::kStorm, 0, random() % 60 == 0 ? wire::kMaxEdits : random() % 3};
+  }
+}
+
+Event chooseBetweenServers(Random& random) {
+  const std::uint64_t who = random() % 60;
+  switch (random() % 16) {
+    case 0:
+      return {Kind::kCrash, who};
+    case 1:
+      return {Kind::kStop, who};
+    case 2:
+      return {Kind::kUpgrade};
+    case 3:
+    case 4:
+      return {Kind::kPart, who, random() % 6000};
+    case 5:
+      return {Kind::kHalt, 0, random() % 5000};
+    case 6:
+    case 7:
+      return {Kind::kLoseEnd, who, random() % 8};
+    case 8:
+    case 9:
+      return {Kind::kSlow, 0, random() % 30};
+    case 10:
+      return {Kind::kFull, 0, random() % 2000};
+    case 11:
+      return {Kind::kJump, 0, random() % 20'000};
+    case 12:
+      return random() % 4 == 0 ? Event{Kind::kCut, 0, 1 + random() % 40} : Event{Kind::kFill, 0, 1 + random() % 40};
+    default:
+      return {Kind::kVisit, who, random() % 2};
   }
 }
 
@@ -74,11 +106,16 @@ Event choose(Random& random, bool withLiar) {
 
 }  // namespace
 
-Events eventsOf(std::uint64_t seed, bool withLiar, Duration time) {
+Events eventsOf(std::uint64_t seed, bool withLiar, bool withServers, Duration time) {
   Random random(~seed);
   Events out;
+  bool isUpgraded = !withServers;  // at least once
   for (Duration sum{}; sum < time;) {
-    Event event = choose(random, withLiar);
+    Event event = withServers && random() % 12 == 0 ? chooseBetweenServers(random) : choose(random, withLiar);
+    if (!isUpgraded && sum > time / 4) {
+      isUpgraded = true;
+      event = {Kind::kUpgrade};
+    }
     event.pause = random() % 120'000;
     event.dice = random() >> 32;
     sum += std::chrono::microseconds(event.pause) + std::chrono::milliseconds(event.kind == Kind::kWait ? event.amount : 0);

@@ -32,6 +32,15 @@ enum class Kind {
   kCut,     // the power, after so many operations of the disk
   kFill,    // the disk, after so many writes
   kStarve,  // the server has too little memory for so many milliseconds
+  // Of several servers; kStop and kCrash are of one of them, kCut of all.
+  kUpgrade,  // each is drained, ends and starts again, one after the other
+  kPart,     // from the engine, for so many milliseconds
+  kHalt,     // the engine, for so many milliseconds
+  kLoseEnd,  // another engine takes over without the last so many entries, if all others are well
+  kSlow,     // the engine, so many milliseconds each way
+  kFull,     // the engine, for so many milliseconds
+  kJump,     // the engine's clock, to so many milliseconds after 10 s before what it would be
+  kVisit,    // somebody asks for a session, of one of two worlds
 };
 
 struct Event {
@@ -44,7 +53,7 @@ struct Event {
 using Events = std::vector<Event>;
 
 // What this seed chooses, for about so long.
-Events eventsOf(std::uint64_t seed, bool withLiar, Duration time);
+Events eventsOf(std::uint64_t seed, bool withLiar, bool withServers, Duration time);
 
 // One a line: kind, who, amount, pause, dice. Empty lines and those that begin with # are skipped. Nothing: a line is something else.
 std::string toText(const Events& events);

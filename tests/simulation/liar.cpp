@@ -29,7 +29,7 @@ void Liar::lie() {
     for (std::uint64_t n = random_() % 50 == 0 ? 200 : 1; n > 0; --n) line_->say(message());
     return;
   }
-  line_ = Line::open(server_, std::string(directory::kDefaultName), "liar", timer_, {}, [this](const std::string& frame) {
+  const auto hear = [this](const std::string& frame) {
     const wire::ServerMessage heard = testing_support::decoded(frame);
     if (const auto* answer = std::get_if<wire::EditAnswer>(&heard)) take(*answer);
     const auto* error = std::get_if<wire::ErrorMessage>(&heard);
@@ -37,7 +37,8 @@ void Liar::lie() {
     EXPECT_FALSE(error->message.empty());
     EXPECT_NE(error->code, wire::ErrorCode::kInternal) << error->message;
     leave();
-  });
+  };
+  Line::open(server_, std::string(directory::kDefaultName), "liar", timer_, {}, hear, [this](auto line) { line_ = std::move(line); });
   if (!line_) return;
   wire::Hello hello;
   hello.clientName = name_ = random_() % 2 == 0 ? "member" : "";  // as members do

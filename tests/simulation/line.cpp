@@ -17,9 +17,17 @@ const std::string kQuestionAboutTheTime = wire::encode(wire::ClientMessage(wire:
 
 }  // namespace
 
-std::shared_ptr<Line> Line::open(Server& server, const std::string& name, const std::string& client, const SimulatedTimer& timer, Way way,
-                                 Take take, Duration entering) {
-  const auto session = server.runs() ? server.enter(name, entering) : nullptr;
+void Line::open(Server& server, const std::string& name, const std::string& client, const SimulatedTimer& timer, Way way, Take take,
+                const Opened& opened, Duration entering) {
+  if (!server.isShared())
+    return opened(begin(server, name, client, timer, way, std::move(take), server.runs() ? server.enter(name, entering) : nullptr));
+  server.join(name, client, [&server, name, client, &timer, way, take = std::move(take), opened](const auto& session) {
+    opened(begin(server, name, client, timer, way, take, session && !session->isRetired() ? session : nullptr));
+  });
+}
+
+std::shared_ptr<Line> Line::begin(Server& server, const std::string& name, const std::string& client, const SimulatedTimer& timer, Way way,
+                                  Take take, const std::shared_ptr<session::Session>& session) {
   if (!session) return nullptr;
   auto place = session->enter(client);
   if (!place) return nullptr;
@@ -52,13 +60,18 @@ void Line::hear(wire::ClientMessage message) {
   }
   if (const auto* pose = std::get_if<wire::PoseMessage>(&message)) newestPose_ = pose->sequence;
   if (const auto* acknowledge = std::get_if<wire::Acknowledge>(&message)) acknowledged_ = acknowledge->iteration;
-  camera_->receive(std::move(message));
+  if (camera_)
+    camera_->receive(std::move(message));
+  else
+    failed_ = true;
   if (failed_) {
     if (edit) closes(id);  // it was refused with its sender, or nobody listens
     return;
   }
   EXPECT_LE(openEdits_, wire::kMaxEdits + 2) << "more edits of one client are open than there may be";
-  EXPECT_LE(openEditsOfAll_.edits, static_cast<std::int64_t>(editing::Edits::kMaxWaiting)) << "more edits wait than there may be";
+  const std::size_t claiming = server_.isShared() ? session::Session::kMaxClaiming : 0;
+  EXPECT_LE(openEditsOfAll_.edits, static_cast<std::int64_t>(editing::Edits::kMaxWaiting + claiming))
+      << "more edits wait than there may be";
 }
 
 void Line::opens(const wire::Edit& edit) {
@@ -83,7 +96,7 @@ void Line::leaves(const wire::ServerMessage& message) {
   const auto* answer = std::get_if<wire::EditAnswer>(&message);
   if (!answer) return;
   EXPECT_NE(answer->number == 0, answer->refusal.empty()) << answer->refusal;
-  if (answer->refusal.find("edits of this session wait") != std::string::npos) {
+  if (!server_.isShared() && answer->refusal.find("edits of this session wait") != std::string::npos) {
     EXPECT_EQ(openEditsOfAll_.edits, static_cast<std::int64_t>(editing::Edits::kMaxWaiting) + 1) << answer->refusal;
   }
   --openEdits_;
@@ -109,6 +122,26 @@ void Line::cut(Duration unheard) {
 void Line::fall() {
   camera_.reset();
   fell_ = timer_.now() + kBuffered;
+}
+
+// As net/stream.cpp does.
+void Line::sendAway(Duration after) {
+  const auto go = [weak = weak_from_this(), &timer = timer_] {
+    timer.at(timer.now(), [weak] {
+      if (const auto self = weak.lock()) self->goAway();
+    });
+  };
+  timer_.at(timer_.now() + after, [self = shared_from_this(), go] {
+    if (self->fell_ || !self->camera_) return;
+    if (!self->camera_->handOver(go)) return go();
+    self->timer_.at(self->timer_.now() + std::chrono::seconds(1), go);
+  });
+}
+
+void Line::goAway() {
+  if (fell_ || !camera_) return;
+  send(wire::ErrorMessage{wire::ErrorCode::kGoingAway, "The server is leaving; connect again.", {}}, {});
+  std::exchange(camera_, nullptr)->close();
 }
 
 void Line::send(wire::ServerMessage message, std::shared_ptr<const void> ticket) {

@@ -32,9 +32,10 @@ class Line final : public conversation::Sender, public std::enable_shared_from_t
   using Take = std::function<void(const std::string& frame)>;
 
   // To a camera of its own in this session, of this client. Null: there is no place, the session is made, which takes so long, or the
-  // server does not run.
-  static std::shared_ptr<Line> open(Server& server, const std::string& session, const std::string& client, const SimulatedTimer& timer,
-                                    Way way, Take take, Duration entering = {});
+  // server does not run. `opened` is called once, at once where servers share nothing.
+  using Opened = std::function<void(std::shared_ptr<Line>)>;
+  static void open(Server& server, const std::string& session, const std::string& client, const SimulatedTimer& timer, Way way, Take take,
+                   const Opened& opened, Duration entering = {});
   Line(Server& server, const std::string& session, const SimulatedTimer& timer, Way way, Take take)  // for open()
       : server_(server),
         openEditsOfAll_(server.openEdits(session)),
@@ -55,7 +56,8 @@ class Line final : public conversation::Sender, public std::enable_shared_from_t
   Time quietFrom() const { return quietFrom_; }
 
   // The server's end.
-  void fall();  // the server is gone: only what has left it may still arrive
+  void fall();                    // the server is gone: only what has left it may still arrive
+  void sendAway(Duration after);  // the server leaves: to another one, where the camera's mesh may go before
   void send(wire::ServerMessage message, std::shared_ptr<const void> ticket) override;
   void sendShared(std::shared_ptr<const std::string> encoded, std::shared_ptr<const void> ticket) override {
     send(testing_support::decoded(*encoded), std::move(ticket));
@@ -64,6 +66,9 @@ class Line final : public conversation::Sender, public std::enable_shared_from_t
   void fail(wire::ErrorMessage message) override { send(std::move(message), {}); }
 
  private:
+  static std::shared_ptr<Line> begin(Server& server, const std::string& name, const std::string& client, const SimulatedTimer& timer,
+                                     Way way, Take take, const std::shared_ptr<session::Session>& session);
+  void goAway();
   void hear(wire::ClientMessage message);
   void opens(const wire::Edit& edit);
   void closes(std::uint64_t edit);  // by id

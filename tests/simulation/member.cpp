@@ -9,8 +9,10 @@
 #include <utility>
 
 #include "common/edits/author.h"
+#include "common/edits/edited_terrain.h"
 #include "server/http/map_tiles.h"
 #include "server/map/mercator.h"
+#include "tests/simulation/world.h"
 #include "tests/support/bytes.h"
 #include "tests/support/random_edits.h"
 
@@ -22,21 +24,22 @@ namespace {
 const std::string kLost = "lost";  // why requests have no answer
 }  // namespace
 
-Member::Member(std::string name, Server& server, Truth& truth, SimulatedTimer& timer, Random& random, const Nature& nature,
+Member::Member(std::string name, Cluster& cluster, Truth& truth, SimulatedTimer& timer, Random& random, const Nature& nature,
                lattice::Point near)
     : name_(std::move(name)),
-      server_(server),
+      cluster_(cluster),
+      server_(&cluster[0]),
       truth_(truth),
       timer_(timer),
       random_(random),
       nature_(nature),
       editor_(edits::toText({name_, nature.hello.clientName}), truth, random),
-      poster_(name_, nature.session, server, truth, timer, random) {
+      poster_(name_, nature.session, cluster, truth, timer, random) {
   camera_.pose.x = near.x + static_cast<lattice::Step>(random_() % 60'000);
   camera_.pose.z = near.z + static_cast<lattice::Step>(random_() % 60'000);
   // High up a mesh has a quarter of the leaves, and all that is judged here happens the same.
   const double altitude = 30 + static_cast<double>(random_() % 5 == 0 ? random_() % 400 : 4000 + random_() % 6000);
-  camera_.pose.y = server_.terrain()->height({camera_.pose.x, camera_.pose.z}) + altitude;
+  camera_.pose.y = server_->terrain()->height({camera_.pose.x, camera_.pose.z}) + altitude;
   site_ = {camera_.pose.x, camera_.pose.z};
   camera_.pose.pitch = -0.4;
   camera_.projection = {.verticalFov = 1.0, .width = 160, .height = 90};
@@ -58,9 +61,14 @@ void Member::open() {
     if (line_ && number == lines_) hear(frame);
   };
   const Duration entering = std::chrono::milliseconds(random_() % 2 == 0 ? 0 : random_() % 400);
-  line_ = Line::open(server_, nature_.session, name_, timer_, nature_.way, take, entering);
-  if (!line_) return ended();  // the server does not run, makes the session, or has not yet noticed which lines are lost
-  line_->say(client_->opened());
+  server_ = &cluster_.next();
+  const auto opened = [this, number = lines_](std::shared_ptr<Line> line) {
+    if (number != lines_) return line ? line->cut({}) : void();  // it has left
+    line_ = std::move(line);
+    if (!line_) return ended();  // the server does not run, makes the session, or has not yet noticed which lines are lost
+    line_->say(client_->opened());
+  };
+  Line::open(*server_, nature_.session, name_, timer_, nature_.way, take, opened, entering);
 }
 
 void Member::ended() {
@@ -70,11 +78,11 @@ void Member::ended() {
   wakes_.reset();
   editor_.lost();
   client_->ended({kLost}, timer_.now());
-  EXPECT_FALSE(client_->otherWorld()) << name_;
+  EXPECT_FALSE(client_->otherWorld() && cluster_.isCalm()) << name_;
   if (client_->comesBack())
     flush();
   else
-    client_.reset();  // it has not seen its world yet
+    forget();  // it has not seen its world yet, or has come to a server that is behind
 }
 
 void Member::lose(Duration unheard) {
@@ -93,16 +101,21 @@ void Member::stall(Duration time) {
   if (line_) line_->stall(time);
 }
 
-void Member::fall() {
-  poster_.fall();
+void Member::fall(const Server& of) {
+  poster_.fall(of);
+  if (&of != server_) return;
   later(timer_.now() + nature_.way.delay + 2ms, [this] { lose({}); });
 }
 
 void Member::leave(Duration unheard) {
   lose(unheard);
   ++lines_;
-  ++lives_;
   wakes_.reset();
+  forget();
+}
+
+void Member::forget() {
+  ++lives_;
   client_.reset();
   begun_ = thinks_ = false;
 }
@@ -215,7 +228,8 @@ void Member::askGround() {
 }
 
 void Member::askMap() {
-  if (!server_.runs() || !server_.session(nature_.session)) return;
+  Server& asked = cluster_.next();
+  if (!asked.runs() || !asked.session(nature_.session)) return;
   // The tile at a place, where the world's origin lies at 0, 0.
   constexpr int kLevel = 16;
   constexpr double kSide = 2 * std::numbers::pi * 6'378'137 / (1 << kLevel) * lattice::kStepsPerMetre;
@@ -230,20 +244,26 @@ void Member::askMap() {
   request.method = "GET";
   request.target = target;
   request.edit = edit;
-  const auto reply = http::mapTileRoute(server_.directory())(request);
+  const auto reply = http::mapTileRoute(asked.directory())(request);
   const auto* later = reply ? std::get_if<http::DeferredResponse>(&*reply) : nullptr;
   ASSERT_TRUE(later) << name_ << " asks for a tile: " << (reply ? std::get<http::Answer>(*reply).body : target);
   // Made sometime later, of the ground of then.
-  timer_.at(timer_.now() + std::chrono::milliseconds(random_() % 2000),
-            [this, tile, later = *later, server = std::weak_ptr(server_.directory())] {
-              if (server.expired()) return;
-              const auto made = std::get<http::Answer>(later.work({}));
-              ASSERT_EQ(made.status, 200u) << made.body;
-              const auto known = std::ranges::find(made.headers, http::kEditHeader, [](const auto& header) { return header.first; });
-              ASSERT_NE(known, made.headers.end());
-              truth_.answered(map::sheetOf(tile, map::Place()), std::stoull(known->second), made.etag, made.body);
-              saw(made.body.size());
-            });
+  const auto asks = std::make_shared<http::DeferredResponse>(*later);
+  const Duration pause = std::chrono::milliseconds(random_() % 2000);
+  asked.keep(asks, pause + 1ms);
+  timer_.at(timer_.now() + pause, [this, tile, weak = std::weak_ptr(asks), isShared = asked.isShared()] {
+    const auto work = weak.lock();
+    if (!work) return;  // the server fell
+    http::Reply turn = work->work({});
+    if (auto* const other = std::get_if<http::DeferredResponse>(&turn)) turn = other->work({});
+    if (isShared && std::holds_alternative<http::RetryAt>(turn)) return;  // it has not heard of the edit yet
+    const auto made = std::get<http::Answer>(std::move(turn));
+    ASSERT_EQ(made.status, 200u) << made.body;
+    const auto known = std::ranges::find(made.headers, http::kEditHeader, [](const auto& header) { return header.first; });
+    ASSERT_NE(known, made.headers.end());
+    truth_.answered(map::sheetOf(tile, map::Place()), std::stoull(known->second), made.etag, made.body);
+    saw(made.body.size());
+  });
 }
 
 void Member::takeClock() {
@@ -294,11 +314,20 @@ void Member::undo(std::uint64_t edit) { editor_.ask({edits::Undo{edit}, 0}, say_
 
 void Member::hear(const std::string& frame) {
   if (const core::Wrong wrong = client_->heard(testing_support::bytesOf(frame), timer_.now())) {
-    EXPECT_NE(wrong->find("ran out of memory"), std::string::npos) << *wrong;
+    EXPECT_TRUE(wrong->find("ran out of memory") != std::string::npos ||
+                (cluster_.isShared() && wrong->find("connect again") != std::string::npos) || isBehind(*wrong))
+        << name_ << ": " << *wrong;
     return lose({});
   }
   look();
   flush();
+}
+
+// A server that cannot reach the others does not have all that its members may know from them.
+bool Member::isBehind(const std::string& wrong) const {
+  const bool isBehind = !cluster_.isCalm() && wrong.find("has lost edits") != std::string::npos;
+  met.behind += isBehind;
+  return isBehind;
 }
 
 // As a program does that takes an iteration, works on it, and takes the next.
@@ -307,13 +336,13 @@ void Member::look() {
     if (const auto received = conversation().receive()) take(received->iteration);
   if (!thinks_ && client_->hasReturned()) {
     client_->goOn(follower_.enter(client_->coming()));
-    begin(sequence_ - 1);  // the newest pose was said again
+    begin(sequence_ - 1, true);  // the newest pose was said again
   }
   if (!connected()) return;
   if (!begun_) {
     follower_.follow({nature_.hello.points, world().shadedVertices, world().settings.triangleBudget});
     follower_.enter(world());
-    begin(sequence_);
+    begin(sequence_, false);
     pose();
   }
   if (const std::uint64_t version = conversation().roster().version(); std::exchange(membersSeen_, version) < version) lookAtMembers();
@@ -325,14 +354,17 @@ void Member::look() {
   }
 }
 
-void Member::begin(std::uint64_t lastPose) {
+void Member::begin(std::uint64_t lastPose, bool isNext) {
   begun_ = true;
   settled_ = false;
   said_ = {};
   lastNumber_ = lastStepDone_ = stepAsked_ = membersSeen_ = clockSeen_ = 0;
   lastPose_ = lastPose;
-  edit_ = world().edit;
-  editor_.connected(world(), say_);
+  // The first iteration of a mesh that has moved knows what the mesh knew.
+  edit_ = cluster_.isShared() && isNext ? std::min(edit_, world().edit) : world().edit;
+  isNew_ = true;
+  cluster_.greeted(world().camera);
+  editor_.connected(world(), say_, !cluster_.isCalm());
 }
 
 void Member::take(const wire::Iteration& iteration) {
@@ -343,12 +375,15 @@ void Member::take(const wire::Iteration& iteration) {
   else
     EXPECT_GE(iteration.poseSequence, lastPose_) << name_;
   lastPose_ = iteration.poseSequence;
-  EXPECT_GE(iteration.edit, edit_) << name_ << "'s ground goes back";
+  EXPECT_GE(iteration.edit, iteration.number > 1 ? std::max(edit_, world().edit) : edit_) << name_ << "'s ground goes back";
+  const bool isNewGround = std::exchange(isNew_, false) || iteration.edit > edit_;
   edit_ = iteration.edit;
   truth_.knows(edit_);
   thinks_ = true;
-  timer_.at(timer_.now() + nature_.think, [this, iteration, life = lives_] {
-    if (life == lives_) digest(iteration);
+  timer_.at(timer_.now() + nature_.think, [this, iteration, life = lives_, isNewGround] {
+    if (life != lives_) return;
+    digest(iteration);
+    judgeIteration(iteration, isNewGround);
   });
 }
 
@@ -367,6 +402,13 @@ void Member::digest(const wire::Iteration& iteration) {
   flush();
 }
 
+// No edit that it has is missing from it.
+void Member::judgeIteration(const wire::Iteration& iteration, bool isNewGround) {
+  if (!cluster_.isShared() || (!isNewGround && random_() % 8 != 0) || follower_.scene().leaves().empty()) return;
+  ++met.judged;
+  if (const auto layer = truth_.layer(iteration.edit)) judge(edits::EditedTerrain(server_->terrain(), layer));
+}
+
 void Member::lookAtMembers() {
   EXPECT_TRUE(nature_.hello.members) << name_;
   const auto& others = conversation().roster().others();
@@ -379,6 +421,10 @@ void Member::take(const wire::Clock& clock) {
   const wire::Clock before = std::exchange(said_, clock);
   EXPECT_GE(clock.time, before.time) << name_ << " sees time go back";
   EXPECT_GE(clock.step, before.step) << name_ << " sees a step undone";
+  if (cluster_.isShared()) judgeClock(clock);
+  if (clock.owner == world().camera && before.owner == clock.owner) {
+    EXPECT_LE(clock.step, std::max(stepAsked_, before.step)) << name_ << " sees a step that it has not asked for";
+  }
   saw(clock.time);
   if (clock.step > before.step || before.waitsFor != clock.waitsFor) {
     if (random_() % 8 != 0) step();  // and the next
@@ -388,6 +434,15 @@ void Member::take(const wire::Clock& clock) {
   lastStepDone_ = clock.step;
   if (!wasPassedOver && random_() % 4 == 0) return;  // it forgets
   say(conversation().stepDone({clock.step}));
+}
+
+// One clock for all servers, whichever of them says it.
+void Member::judgeClock(const wire::Clock& clock) {
+  constexpr std::uint64_t kOnItsWay = 1'000'000;  // a clock that is set goes on elsewhere until that is heard
+  EXPECT_TRUE(clock.step >= stepSeen_ || cluster_.losesTime()) << name_ << " sees a step undone at another server";
+  EXPECT_TRUE(clock.time + kOnItsWay >= timeSeen_ || cluster_.losesTime()) << name_ << " sees time go back at another server";
+  stepSeen_ = clock.step;
+  timeSeen_ = clock.time;
 }
 
 bool Member::rests(std::uint64_t edit) const {
@@ -437,7 +492,7 @@ void Member::judge(const terrain::Terrain& ground) const {
 void Member::judgeWait() const {
   poster_.judgeWait();
   const Duration most = nature_.hello.settings.bytesPerSecond == 0 ? 2s : 10s;
-  if (!line_ || !line_->isOpen() || digests() || timer_.now() - line_->quietFrom() <= most) return;
+  if (!line_ || !line_->isOpen() || digests() || timer_.now() - std::max(line_->quietFrom(), cluster_.calmFrom()) <= most) return;
   EXPECT_TRUE(connected()) << name_ << " waits for the world";
   EXPECT_EQ(questions_, 0u) << name_ << " waits for an answer";
   EXPECT_EQ(grounds_, 0u) << name_ << " waits for a ground";

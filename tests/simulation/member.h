@@ -13,6 +13,7 @@
 
 #include "client/core/conversation/reconnector.h"
 #include "client/core/mesh/follower.h"
+#include "tests/simulation/cluster.h"
 #include "tests/simulation/editor.h"
 #include "tests/simulation/line.h"
 #include "tests/simulation/poster.h"
@@ -33,14 +34,15 @@ class Member {
   };
 
   // Begins around a place. All must outlive it.
-  Member(std::string name, Server& server, Truth& truth, SimulatedTimer& timer, Random& random, const Nature& nature, lattice::Point near);
+  Member(std::string name, Cluster& cluster, Truth& truth, SimulatedTimer& timer, Random& random, const Nature& nature,
+         lattice::Point near);
   ~Member() { leave({}); }
 
   // What it may do; nothing where it cannot.
   void join();                   // with nothing
   void lose(Duration unheard);   // the line; it comes back
   void mute(Duration noticed);   // the line is dead, and nobody knows
-  void fall();                   // the server; it will notice
+  void fall(const Server& of);   // it will notice, if it is at this one
   void leave(Duration unheard);  // for good; what it holds can still be judged
   void fly(double metres);
   void insist();  // in lock-step: the same pose again, once the last one was answered
@@ -57,6 +59,7 @@ class Member {
 
   bool connected() const { return client_ && !client_->lost() && conversation().hasWorld(); }
   bool isAway() const { return !client_; }
+  const Server& server() const { return *server_; }  // of its last line
   const std::string& session() const { return nature_.session; }
   bool isLockstep() const { return nature_.hello.pacing == wire::Pacing::kLockstep; }
   bool mayAsk() const { return connected() && !editor_.waits(); }
@@ -75,23 +78,28 @@ class Member {
   const wire::World& world() const { return conversation().world(); }
   void open();
   void ended();
+  void forget();  // its client
   void hear(const std::string& frame);
   void flush();                                      // what may leave now
   void later(Time when, std::function<void()> act);  // while this line lasts, or none
   void say(const core::Wrong& wrong);
-  void look();  // at what has come
-  void begin(std::uint64_t lastPose);
+  void look();                                      // at what has come
+  void begin(std::uint64_t lastPose, bool isNext);  // after another conversation
   void take(const wire::Iteration& iteration);
   bool digests() const { return thinks_ || conversation().hasIterations(); }
   void lookAtMembers();
   void take(const wire::Clock& clock);
+  bool isBehind(const std::string& wrong) const;
+  void judgeClock(const wire::Clock& clock);
+  void judgeIteration(const wire::Iteration& iteration, bool isNewGround);
   void digest(const wire::Iteration& iteration);
   void pose();
   void chooseSite();
   void saw(std::uint64_t what) { history_ = lattice::mix(history_ + what); }
 
   const std::string name_;
-  Server& server_;
+  Cluster& cluster_;
+  Server* server_;
   Truth& truth_;
   SimulatedTimer& timer_;
   Random& random_;
@@ -125,6 +133,8 @@ class Member {
   wire::Clock said_;    // about the time, before
   std::uint64_t lastNumber_ = 0, lastPose_ = 0, lastStepDone_ = 0, stepAsked_ = 0, edit_ = 0;
   std::uint64_t membersSeen_ = 0, clockSeen_ = 0;  // versions
+  std::uint64_t stepSeen_ = 0, timeSeen_ = 0;      // of the clock, by any server
+  bool isNew_ = false;                             // no iteration of this conversation was judged
   std::size_t questions_ = 0, grounds_ = 0;        // that have no answer
   bool settled_ = false;
 };

@@ -9,7 +9,7 @@
 
 #include "common/edits/operation.h"
 #include "server/http/routes.h"
-#include "tests/simulation/server.h"
+#include "tests/simulation/cluster.h"
 #include "tests/simulation/truth.h"
 #include "tests/support/simulated_timer.h"
 
@@ -18,11 +18,11 @@ namespace ridgecast::simulation {
 class Poster {
  public:
   // All must outlive it.
-  Poster(std::string client, std::string session, Server& server, Truth& truth, testing_support::SimulatedTimer& timer, Random& random)
-      : client_(std::move(client)), session_(std::move(session)), server_(server), truth_(truth), timer_(timer), random_(random) {}
+  Poster(std::string client, std::string session, Cluster& cluster, Truth& truth, testing_support::SimulatedTimer& timer, Random& random)
+      : client_(std::move(client)), session_(std::move(session)), cluster_(cluster), truth_(truth), timer_(timer), random_(random) {}
 
   void post(edits::Operation operation);  // or once more what has no answer
-  void fall();                            // the server will: whatever was asked has no answer
+  void fall(const Server& of);            // will: whatever it was asked has no answer
   bool waits() const;
   void judgeWait() const;  // the server's answers come
 
@@ -32,6 +32,7 @@ class Poster {
     std::uint64_t sent = 0;
     std::shared_ptr<const http::DeferredResponse> work{};  // while it waits
     Time since{};
+    Server* at = nullptr;
   };
   void send(const std::shared_ptr<Request>& request);
   void turn(const std::shared_ptr<Request>& request);
@@ -39,7 +40,7 @@ class Poster {
   std::string nameOf(const Request& request) const { return request.asked.key.empty() ? "" : client_ + '\n' + request.asked.key; }
 
   const std::string client_, session_;
-  Server& server_;
+  Cluster& cluster_;
   Truth& truth_;
   testing_support::SimulatedTimer& timer_;
   Random& random_;

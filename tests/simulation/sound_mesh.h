@@ -5,10 +5,12 @@
 
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <utility>
 #include <vector>
 
 #include "server/pipeline/pipeline.h"
+#include "tests/simulation/world.h"
 #include "tests/support/verify.h"
 
 namespace ridgecast::simulation {
@@ -22,6 +24,11 @@ class SoundMesh final : public pipeline::IteratingMesh {
     const settings::IterationStats stats = pipeline_.iterate(camera);
     if (iterations_++ % kBetweenChecks == 0) EXPECT_EQ(testing_support::verify(pipeline_.mesh()), "");
     return stats;
+  }
+  std::optional<pipeline::MeshState> state() const override { return pipeline_.state(); }
+  std::optional<settings::IterationStats> restore(const pipeline::MeshState& state, const camera::Camera& camera) override {
+    ++met.movedMeshes;
+    return pipeline_.restore(state, camera);
   }
   void change(const settings::Settings& granted) override { pipeline_.change(granted); }
   void setGround(std::shared_ptr<const terrain::Terrain> terrain, std::span<const lattice::Area> changed) override {

@@ -16,6 +16,7 @@
 #include "common/edits/json.h"
 #include "common/edits/packed.h"
 #include "common/ground/ground.h"
+#include "server/edit_log/entry.h"
 #include "server/edit_log/log.h"
 #include "server/edit_log/tiles.h"
 #include "server/map/mercator.h"
@@ -148,18 +149,66 @@ Truth::Log Truth::read(const std::filesystem::path& folder) const {
 }
 
 void Truth::judge(const std::filesystem::path& folder) {
+  Log log = read(folder);
+  add(std::move(log.edits));
+  if (testing::Test::HasFailure()) return;
+  judgeEdits();
+  judgeTiles(log.tiles, log_.size());
+  judgeAnswers();
+}
+
+void Truth::judgeShared() {
+  std::vector<Entry> log;
+  for (const bus::Entry& e : shared_()) {
+    const auto entry = edit_log::unpackEntry(e.bytes);
+    ASSERT_TRUE(entry) << entry.error().message;
+    ASSERT_EQ(entry->edit.number, log.size() + 1) << "the shared log's numbers";
+    auto operation = edits::unpack(entry->edit.operation).value();
+    std::string json = edits::toJson(operation);
+    log.push_back({entry->edit.author, entry->edit.key, std::move(json), std::move(operation)});
+  }
+  add(std::move(log));
+  if (testing::Test::HasFailure()) return;
+  judgeEdits();
+  judgeAnswers();
+}
+
+void Truth::judgeCopy(const std::filesystem::path& folder) const {
   const Log log = read(folder);
-  const auto before = std::exchange(log_, log.edits);
+  ASSERT_LE(log.edits.size(), log_.size()) << "a server has edits that the shared log has not";
+  EXPECT_TRUE(std::equal(log.edits.begin(), log.edits.end(), log_.begin())) << "a server has other edits than the shared log";
+  judgeTiles(log.tiles, log.edits.size());
+}
+
+std::shared_ptr<const edits::Layer> Truth::layer(std::uint64_t edit) {
+  if (edit >= layers_.size()) {
+    const auto log = shared_();
+    for (; history_.last() < std::min<std::uint64_t>(edit, log.size()); makeNext()) {
+      const auto entry = edit_log::unpackEntry(log[history_.last()].bytes);
+      auto operation = edits::unpack(entry.value().edit.operation).value();
+      std::string json = edits::toJson(operation);
+      log_.push_back({entry->edit.author, entry->edit.key, std::move(json), std::move(operation)});
+    }
+  }
+  return edit < layers_.size() ? layers_[edit] : nullptr;
+}
+
+void Truth::makeNext() {
+  ASSERT_TRUE(history_.add(log_[history_.last()].operation)) << "edit " << history_.last() + 1;
+  changed_.push_back(changedPosts(*layers_.back(), *history_.layer()));
+  layers_.push_back(history_.layer());
+}
+
+// The log, which goes on with that of before.
+void Truth::add(std::vector<Entry> log) {
+  const auto before = std::exchange(log_, std::move(log));
   ASSERT_GE(log_.size(), before.size()) << "the log has lost edits that a server began with";
   EXPECT_TRUE(std::equal(before.begin(), before.end(), log_.begin())) << "the log has changed edits";
   ASSERT_GE(log_.size(), known_) << "the log has lost edits that members know of";
-  while (history_.last() < log_.size()) {
-    ASSERT_TRUE(history_.add(log_[history_.last()].operation)) << "edit " << history_.last() + 1;
-    changed_.push_back(changedPosts(*layers_.back(), *history_.layer()));
-    layers_.push_back(history_.layer());
-  }
-  judgeEdits();
-  judgeTiles(log.tiles);
+  while (history_.last() < log_.size() && !testing::Test::HasFailure()) makeNext();
+}
+
+void Truth::judgeAnswers() {
   for (const Answered& answered : std::exchange(answers_, {})) judgeAnswer(answered);
   for (const Meshed& meshed : std::exchange(grounds_, {})) judgeGround(meshed);
   for (const Mapped& mapped : std::exchange(mapped_, {})) judgeMap(mapped);
@@ -227,8 +276,12 @@ void Truth::judgeAnswer(const Answered& answered) const {
 }
 
 void Truth::judgeEdits() const {
-  std::set<std::string> keys;
+  std::set<std::string> keys, withoutKey;
   for (const Entry& entry : log_) {
+    if (shared_ && entry.key.empty() && !std::holds_alternative<edits::Undo>(entry.operation.what)) {
+      EXPECT_TRUE(withoutKey.insert(entry.author + '\n' + entry.json).second)
+          << entry.author << "'s edit is in the log twice: " << entry.json;
+    }
     if (entry.key.empty()) continue;
     EXPECT_TRUE(keys.insert(entry.key).second) << entry.key << " is in the log twice";
     EXPECT_FALSE(refused_.contains(entry.key)) << entry.key << " was refused, and is in the log";
@@ -248,11 +301,11 @@ void Truth::judgeEdits() const {
 }
 
 // A server starts from them.
-void Truth::judgeTiles(const Tiles& tiles) const {
-  const edits::Layer& layer = *layers_.back();
+void Truth::judgeTiles(const Tiles& tiles, std::size_t last) const {
+  const edits::Layer& layer = *layers_[last];
   std::size_t kept = 0;
   for (const edits::TileAddress at : layer.addresses()) kept += !layer.tile(at)->isZero();
-  EXPECT_EQ(tiles.size(), kept) << "cached tiles of " << log_.size() << " edits";
+  EXPECT_EQ(tiles.size(), kept) << "cached tiles of " << last << " edits";
   for (const auto& [at, tile] : tiles) {
     const edits::Tile* const made = layer.tile(at);
     ASSERT_TRUE(tile && made && *tile == *made) << "the cached tile " << at.i << ", " << at.j << " is not what the edits make";

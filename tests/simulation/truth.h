@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <map>
 #include <memory>
 #include <optional>
@@ -14,6 +15,7 @@
 #include "common/edits/operation.h"
 #include "common/terrain/terrain.h"
 #include "common/wire/messages.h"
+#include "server/bus/bus.h"
 #include "server/map/sheet.h"
 
 namespace ridgecast::simulation {
@@ -40,6 +42,14 @@ class Truth {
   // While no server runs: reads the log in this folder, as SQLite sees it without the product, and judges all of the above and the log's
   // cached tiles by its edits.
   void judge(const std::filesystem::path& folder);
+  // The same where several servers share the log: this is all of it. Nothing else says what the edits are.
+  using Shared = std::function<std::vector<bus::Entry>()>;
+  void follow(Shared log) { shared_ = std::move(log); }
+  void judgeShared();
+  // A server's copy in this folder, while it does not run: some of the log, from its beginning.
+  void judgeCopy(const std::filesystem::path& folder) const;
+  // As of an edit of the shared log; null: the log has it no more, or not yet.
+  std::shared_ptr<const edits::Layer> layer(std::uint64_t edit);
   // Of the log when it was judged.
   std::uint64_t last() const { return log_.size(); }
   std::vector<std::uint64_t> counting() const;         // edits that are not undone, and no undos
@@ -72,7 +82,10 @@ class Truth {
   };
   Log read(const std::filesystem::path& folder) const;
   void judgeEdits() const;
-  void judgeTiles(const Tiles& tiles) const;
+  void judgeTiles(const Tiles& tiles, std::size_t last) const;
+  void add(std::vector<Entry> log);
+  void makeNext();
+  void judgeAnswers();
   void judgeAnswer(const Answered& answered) const;
   void judgeGround(const Meshed& meshed) const;
   void judgeMap(const Mapped& mapped) const;
@@ -90,6 +103,7 @@ class Truth {
   std::map<std::string, std::string> files_;  // by ETag
   std::uint64_t known_ = 0;
 
+  Shared shared_;
   std::vector<Entry> log_;
   edits::History history_;
   std::vector<std::shared_ptr<const edits::Layer>> layers_;  // as of each edit; first the empty one

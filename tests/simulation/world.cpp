@@ -16,6 +16,7 @@ Met met;
 
 namespace {
 
+constexpr std::uint64_t kMost = 64;                                     // members
 constexpr std::uint64_t kOld = 3000;                                    // edits
 const std::string kDefault{directory::kDefaultName}, kOther = "other";  // sessions
 
@@ -27,26 +28,31 @@ const edits::Layer& layer(const terrain::Terrain& ground) {
 
 }  // namespace
 
-World::World(std::uint64_t seed) : random_(seed), hasOther_(seed % 3 == 1) {
+World::World(std::uint64_t seed) : random_(seed), hasOther_(seed < kSeveral && seed % 3 == 1) {
   session::Limits limits;
   limits.window = static_cast<std::uint32_t>(1 + random_() % 4);
   constexpr std::size_t kQueues[] = {2000, 20'000, 8 << 20};
   limits.maxQueuedBytes = kQueues[random_() % 3];
   if (random_() % 2 == 0) limits.sessionIdle = 1s;
+  if (serversOf(seed) > 1) limits.sessionIdle = std::min<std::chrono::milliseconds>(limits.sessionIdle, 10s);
   limits.turn = 1h;  // it is by the processor's clock, which is not simulated
   const char* const terrains[] = {"alpine", "canyon", "archipelago"};
   terrain_ = terrain::create(terrains[random_() % 3], 5).value();
   for (const std::string& name : {kDefault, kOther}) truths_.try_emplace(name, terrain_, name);
-  server_.emplace(terrain_, limits, timer_, seed);
+  cluster_.emplace(serversOf(seed), terrain_, limits, timer_, seed, truths_, random_, [this](const Server& server) {
+    for (const auto& member : members_) member->fall(server);
+  });
   const lattice::Point site{static_cast<lattice::Step>(random_() % 2'000'000), static_cast<lattice::Step>(random_() % 2'000'000)};
-  if (seed % 16 == 3) {  // undos reach beneath thousands
+  if (seed % 16 == 3 && !cluster_->isShared()) {  // undos reach beneath thousands
     met.old += kOld;
-    server_->fill(kOld, site);
+    server().fill(kOld, site);
   }
-  EXPECT_TRUE(server_->start());
-  EXPECT_TRUE(!hasOther_ || server_->start());
-  for (std::uint64_t n = 2 + random_() % 4; n > 0; --n) admit(n, site);
-  if (hasLiar(seed)) liar_ = std::make_unique<Liar>(*server_, truths_.at(kDefault), timer_, random_, site);
+  EXPECT_TRUE(cluster_->isShared() || server().start());
+  EXPECT_TRUE(!hasOther_ || server().start());
+  std::uint64_t members = 2 + random_() % 4;
+  if (cluster_->isShared()) members = seed % 32 == 0 ? kMost : members + cluster_->size();
+  for (; members > 0; --members) admit(members, site);
+  if (hasLiar(seed)) liar_ = std::make_unique<Liar>(server(), truths_.at(kDefault), timer_, random_, site);
 }
 
 void World::admit(std::uint64_t number, lattice::Point site) {
@@ -67,7 +73,7 @@ void World::admit(std::uint64_t number, lattice::Point site) {
   if (random_() % 2 == 0) nature.stateBytes = random_() % (wire::kMaxStateBytes + 1);
   if (number > 1 && random_() % 4 == 0) nature.session = kOther;
   Truth& truth = truths_.at(nature.session);
-  members_.push_back(std::make_unique<Member>("member " + std::to_string(number), *server_, truth, timer_, random_, nature, site));
+  members_.push_back(std::make_unique<Member>("member " + std::to_string(number), *cluster_, truth, timer_, random_, nature, site));
 }
 
 void World::live(const Events& events) {
@@ -85,8 +91,8 @@ void World::live(const Events& events) {
 void World::calm() {
   liar_.reset();
   breaks_ = false;
-  server_->disk().restorePower();
-  server_->starve({});
+  cluster_->isShared() ? cluster_->heal() : server().disk().restorePower();
+  for (std::size_t k = 0; k < cluster_->size(); ++k) (*cluster_)[k].starve({});
   rest();
   for (const auto& member : members_) {
     if (testing::Test::HasFailure()) return;
@@ -117,14 +123,16 @@ void World::rest() {
       ++k;
     judge();
   }
-  for (const auto& member : members_) EXPECT_TRUE(rests(*member)) << member->state();
+  for (const auto& member : members_) EXPECT_TRUE(rests(*member)) << stateOf(*member);
+  EXPECT_TRUE(!cluster_->isShared() || cluster_->isWhole());
 }
 
 void World::judgeEnd() {
   if (testing::Test::HasFailure()) return;
+  if (cluster_->isShared()) return endShared();
   std::map<std::string, std::pair<std::uint64_t, std::uint64_t>> grounds;  // the hash, and the last edit
   for (const auto& [name, truth] : truths_)
-    if (const auto session = server_->session(name)) grounds[name] = {layer(*session->terrain()).hash(), session->ground().edit};
+    if (const auto session = server().session(name)) grounds[name] = {layer(*session->terrain()).hash(), session->ground().edit};
   for (const auto& member : members_) member->leave(between(0, 20));
   judgeEmptiness();
   fall(true);
@@ -138,26 +146,58 @@ void World::judgeEnd() {
       if (member->session() == name) member->judge(edited);
   }
   run(between(5, 6));
-  ASSERT_TRUE(server_->runs());
+  ASSERT_TRUE(server().runs());
   for (const auto& [name, ground] : grounds) {
-    const auto session = server_->enter(name);
+    const auto session = server().enter(name);
     ASSERT_TRUE(session) << name;
     EXPECT_EQ(layer(*session->terrain()).hash(), ground.first) << name << " starts with another ground";
   }
 }
 
+void World::endShared() {
+  Duration time = met.time;
+  run(45s);  // until it is heard of every line that was lost
+  met.time = time;
+  for (const auto& [name, truth] : truths_)
+    cluster_->judgeRest(name, std::ranges::count_if(members_, [&](const auto& member) { return member->session() == name; }));
+  for (const auto& member : members_) member->leave(between(0, 20));
+  time = met.time;
+  run(1min);
+  met.time = time;
+  for (std::size_t k = 0; k < cluster_->size(); ++k) {
+    const Server& server = (*cluster_)[k];
+    EXPECT_EQ(server.directory()->cameras(), 0u);
+    EXPECT_EQ(server.directory()->all().size(), 1u) << "a session goes on without members";
+    EXPECT_FALSE(server.hasCameras());
+    EXPECT_TRUE(server.session()->presence().state().members.empty());
+  }
+  cluster_->end();
+  if (testing::Test::HasFailure()) return;
+  for (auto& [name, truth] : truths_) {
+    const auto ground = truth.ground();
+    EXPECT_EQ(ground->hash(), truth.layer(truth.last())->hash()) << name;
+    for (const auto& member : members_)
+      if (member->session() == name) member->judge(edits::EditedTerrain(terrain_, ground));
+  }
+  run(10s);
+  ASSERT_TRUE(cluster_->isWhole()) << "not all servers start again";
+  for (std::size_t k = 0; k < cluster_->size(); ++k)
+    EXPECT_TRUE(cluster_->hasAll(*(*cluster_)[k].session())) << "server " << k << " starts with another ground";
+  cluster_->judge();
+}
+
 void World::judgeEmptiness() {
   const Duration time = met.time;
   run(std::chrono::minutes(10));
-  server_->stopOther();
+  server().stopOther();
   run(1s);
   met.time = time;
-  const directory::Directory& directory = *server_->directory();
+  const directory::Directory& directory = *server().directory();
   EXPECT_EQ(directory.cameras(), 0u);
   EXPECT_EQ(directory.triangles(), 0u);
-  EXPECT_FALSE(server_->hasCameras());
+  EXPECT_FALSE(server().hasCameras());
   EXPECT_EQ(directory.all().size(), 1u) << "a session goes on without members";
-  EXPECT_TRUE(server_->session()->presence().state().members.empty());
+  EXPECT_TRUE(server().session()->presence().state().members.empty());
   EXPECT_EQ(timer_.pending(), 0u) << "something still waits for its time";
 }
 
@@ -180,12 +220,17 @@ void World::undoAll() {
     ASSERT_TRUE(done) << "edit " << edit << " cannot be undone";
     ++met.undone;
   }
-  EXPECT_EQ(layer(*server_->session()->terrain()).hash(), edits::Layer().hash()) << "all is undone, and something is left";
+  EXPECT_EQ(layer(*server().session()->terrain()).hash(), edits::Layer().hash()) << "all is undone, and something is left";
 }
 
 World::~World() {
+  if (cluster_->isShared()) {
+    members_.clear();
+    cluster_->finish();
+    run(1s);
+  }
   for (const auto& [name, truth] : truths_) met.edits += truth.last(), met.acknowledgements += truth.acknowledgements();
-  met.lostWrites += server_->disk().lost();
+  met.lostWrites += server().disk().lost();
 }
 
 std::uint64_t World::history() const {
@@ -198,16 +243,26 @@ std::uint64_t World::history() const {
 bool World::canUndoAll() const { return truths_.at(kDefault).counting().size() <= 100; }
 
 bool World::hasAll(const Member& member) const {
-  const auto session = server_->runs() ? server_->session(member.session()) : nullptr;
-  return session && member.rests(session->ground().edit);
+  const Server& its = member.server();
+  const auto session = its.runs() ? its.session(member.session()) : nullptr;
+  return session && member.rests(session->ground().edit) && (!its.isShared() || cluster_->hasAll(*session));
+}
+
+std::string World::stateOf(const Member& member) const {
+  const auto session = member.server().runs() ? member.server().session(member.session()) : nullptr;
+  if (!session) return member.state() + ", its server has no session " + member.session();
+  const auto state = session->presence().state();
+  return member.state() + ", server at edit " + std::to_string(session->ground().edit) + " with " + std::to_string(state.members.size()) +
+         " members and step " + std::to_string(state.clock.step) + " that waits for " + std::to_string(state.clock.waitsFor.size()) +
+         (hasAll(member) ? "" : ", edits are missing") + (knowsAll(member) ? "" : ", others are missing");
 }
 
 bool World::knowsAll(const Member& member) const {
-  return hasAll(member) && member.knows(server_->session(member.session())->presence().state());
+  return hasAll(member) && member.knows(member.server().session(member.session())->presence().state());
 }
 
 bool World::rests(const Member& member) const {
-  return knowsAll(member) && server_->session(member.session())->clock().state().waitsFor.empty();
+  return knowsAll(member) && member.server().session(member.session())->clock().state().waitsFor.empty();
 }
 
 Duration World::between(int least, int most) {
@@ -217,7 +272,9 @@ Duration World::between(int least, int most) {
 // ---- events ----
 
 void World::act(const Event& event) {
+  if (cluster_->isShared() && cluster_->act(event)) return;
   Member& member = *members_[event.who % members_.size()];
+  Server& server = (*cluster_)[event.who % cluster_->size()];
   const auto time = std::chrono::milliseconds(event.amount);
   switch (event.kind) {
     case Kind::kFly:
@@ -243,38 +300,40 @@ void World::act(const Event& event) {
     case Kind::kStall:
       return member.stall(time);
     case Kind::kStarve:
-      return server_->starve(time);
+      return server.starve(time);
     case Kind::kLie:
       return liar_ ? liar_->lie() : void();
     case Kind::kWait:
       return run(time);
     case Kind::kStorm:
-      return storm(event.amount);
+      return storm(server, event.amount);
     case Kind::kClaim:
-      return server_->isUp() ? server_->claim(event.who % 2 == 0 ? kDefault : kOther, time) : void();
+      return server.isUp() && !server.isShared() ? server.claim(event.who % 2 == 0 ? kDefault : kOther, time) : void();
     case Kind::kStop:
     case Kind::kCrash:
-      return server_->runs() ? fall(event.kind == Kind::kStop) : void();
+      return server.runs() ? fall(event.kind == Kind::kStop) : void();
     case Kind::kCut:
-      return server_->runs() ? server_->disk().cutPowerAfter(event.amount) : void();
+      return server.runs() ? server.disk().cutPowerAfter(event.amount) : void();
     case Kind::kFill:
-      if (!server_->runs()) return;
-      server_->disk().fillAfter(event.amount);
-      return timer_.at(timer_.now() + between(0, 3), [this] {
-        if (!server_->lostPower()) server_->disk().restorePower();
+      if (!server.runs()) return;
+      server.disk().fillAfter(event.amount);
+      return timer_.at(timer_.now() + between(0, 3), [&server] {
+        if (!server.lostPower()) server.disk().restorePower();
       });
+    default:
+      return;  // of several servers
   }
 }
 
-void World::storm(std::uint64_t edits) {
-  if (!server_->runs()) return;
+void World::storm(Server& server, std::uint64_t edits) {
+  if (!server.runs()) return;
   ++met.storms;
-  server_->hold();
+  server.hold();
   if (liar_ && edits == wire::kMaxEdits) liar_->flood();
   for (; edits > 0; --edits)
     for (const auto& member : members_) member->edit();
   run(std::chrono::milliseconds(random_() % 250));
-  server_->release();
+  server.release();
   settle();
 }
 
@@ -282,25 +341,26 @@ void World::storm(std::uint64_t edits) {
 void World::fall(bool withPower) {
   ++met.falls;
   fell_ = true;
-  for (const auto& member : members_) member->fall();
-  server_->fall(withPower);
+  for (const auto& member : members_) member->fall(server());
+  server().fall(withPower);
   if (liar_) liar_->leave();
-  for (auto& [name, truth] : truths_) truth.judge(server_->folder());
+  for (auto& [name, truth] : truths_) truth.judge(server().folder());
   fellAt_ = timer_.now();
-  met.handedOver += server_->isUp();
+  met.handedOver += server().isUp();
   timer_.at(timer_.now() + between(0, 5), [this] { start(); });
 }
 
 void World::start() {
-  if (breaks_ && random_() % 8 == 0) server_->disk().cutPowerAfter(1 + random_() % 8);
-  if (!server_->start() || (hasOther_ && !server_->hasOther())) timer_.at(timer_.now() + between(0, 5), [this] { start(); });
+  if (breaks_ && random_() % 8 == 0) server().disk().cutPowerAfter(1 + random_() % 8);
+  if (!server().start() || (hasOther_ && !server().hasOther())) timer_.at(timer_.now() + between(0, 5), [this] { start(); });
 }
 
 // No step waits for a member for ever, and no member for the server.
 void World::judge() {
-  EXPECT_TRUE(!server_->isUp() || server_->runs() || timer_.now() - fellAt_ < 3s) << "the next server does not take the default session";
-  if (!server_->runs()) return;
-  const wire::Clock clock = server_->session()->clock().state();
+  if (cluster_->isShared()) return judgeShared();
+  EXPECT_TRUE(!server().isUp() || server().runs() || timer_.now() - fellAt_ < 3s) << "the next server does not take the default session";
+  if (!server().runs()) return;
+  const wire::Clock clock = server().session()->clock().state();
   if (clock.step != step_ || clock.waitsFor.empty() || fell_) {
     fell_ = false;
     step_ = clock.step;
@@ -310,6 +370,18 @@ void World::judge() {
   for (const auto& member : members_) member->judgeWait();
 }
 
+void World::judgeShared() {
+  cluster_->judge();
+  for (const auto& member : members_) member->judgeWait();
+  const Server& some = cluster_->next();
+  if (!some.runs()) return;
+  const wire::Clock clock = some.session()->clock().state();
+  if (clock.step != step_ || clock.waitsFor.empty()) stepSeen_ = timer_.now();
+  step_ = clock.step;
+  EXPECT_LE(timer_.now() - std::max(stepSeen_, cluster_->calmFrom()), session::SessionClock::kStepTimeout + 8s)
+      << "step " << step_ << " waits";
+}
+
 void World::run(Duration time) {
   met.time += time;
   settle();
@@ -317,8 +389,9 @@ void World::run(Duration time) {
 }
 
 void World::settle() {
-  server_->settle();
-  if (server_->isUp() && server_->lostPower()) fall(false);
+  if (cluster_->isShared()) return cluster_->settle();
+  server().settle();
+  if (server().isUp() && server().lostPower()) fall(false);
 }
 
 }  // namespace ridgecast::simulation

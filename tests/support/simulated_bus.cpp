@@ -36,7 +36,8 @@ struct SimulatedEngine::State : std::enable_shared_from_this<State> {
       std::function<Run()> work;  // in the engine; empty once done. Returns what then runs at the server
       Run failed;
     };
-    std::map<std::uint64_t, Call> calls;  // without an answer, in their order
+    std::map<std::uint64_t, Call> calls;   // without an answer, in their order
+    std::map<std::uint64_t, Run> replies;  // on their way
     std::vector<std::weak_ptr<Listener>> listeners;
   };
 
@@ -76,13 +77,17 @@ struct SimulatedEngine::State : std::enable_shared_from_this<State> {
   // At the server, if this line still is open by then.
   void reply(std::uint32_t server, Run run) {
     Line& line = lines.at(server);
-    later(arrival(line.lastReplied), [self = shared_from_this(), server, opened = line.opened, run = std::move(run)] {
+    line.replies[++nextCall] = std::move(run);
+    later(arrival(line.lastReplied), [self = shared_from_this(), server, opened = line.opened, id = nextCall] {
+      std::map<std::uint64_t, Run>::node_type reply;  // ends without the mutex
       {
         const std::lock_guard lock(self->mutex);
         const auto found = self->lines.find(server);
-        if (found == self->lines.end() || found->second.opened != opened || self->isBroken(found->second)) return;
+        if (found == self->lines.end()) return;
+        reply = found->second.replies.extract(id);
+        if (!reply || found->second.opened != opened || self->isBroken(found->second)) return;
       }
-      run();
+      reply.mapped()();
     });
   }
   bool isBroken(const Line& line) const { return line.isCut || isStopped; }
@@ -416,6 +421,12 @@ void SimulatedEngine::mend(const Bus& server) {
   const std::lock_guard lock(state_->mutex);
   if (std::exchange(state_->lines.at(server.server()).isCut, false)) state_->reopen(server.server());
 }
+void SimulatedEngine::end(const Bus& server) {
+  const std::lock_guard lock(state_->mutex);
+  state_->lines.at(server.server()).isCut = true;
+  state_->loseCalls(server.server());
+  state_->close(server.server());
+}
 void SimulatedEngine::stop() {
   const std::lock_guard lock(state_->mutex);
   if (std::exchange(state_->isStopped, true)) return;
@@ -455,6 +466,10 @@ std::vector<Entry> SimulatedEngine::log(const std::string& name) const {
   const std::lock_guard lock(state_->mutex);
   const auto found = state_->logs.find(name);
   return found == state_->logs.end() ? std::vector<Entry>() : found->second;
+}
+std::uint64_t SimulatedEngine::last(const std::string& log) const {
+  const std::lock_guard lock(state_->mutex);
+  return state_->lastOf(log);
 }
 SimulatedEngine::Traffic SimulatedEngine::traffic() const {
   const std::lock_guard lock(state_->mutex);

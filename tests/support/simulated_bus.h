@@ -42,7 +42,8 @@ class SimulatedEngine {
   void notice(Duration after);                      // how long servers take a broken connection for a slow one; 0 at first
   void cut(const bus::Bus& server);                 // nothing passes between it and the engine until mend()
   void mend(const bus::Bus& server);
-  void stop();  // as cut() for all; the engine's data stays
+  void end(const bus::Bus& server);  // as cut(), noticed at once, and for good: its program ends
+  void stop();                       // as cut() for all; the engine's data stays
   void start();
   // Another takes over without the last `entries` of a log: all connections break and are mended at once.
   void loseEnd(const std::string& log, std::size_t entries);
@@ -54,6 +55,7 @@ class SimulatedEngine {
   // ---- for judges ----
 
   std::vector<bus::Entry> log(const std::string& name) const;
+  std::uint64_t last(const std::string& log) const;  // its number
   struct Traffic {
     std::uint64_t appends = 0, entries = 0, reads = 0, tells = 0, toldBytes = 0, holds = 0;  // that reached the engine
     std::uint64_t heard = 0;                                                                 // messages that servers received

@@ -316,6 +316,26 @@ TEST_F(SharedSessions, EqualGroundHasOneHashAndOtherGroundAnother) {
   EXPECT_EQ(hashOn(1), hashOn(3));
 }
 
+// The engine has an edit before it is acknowledged, and other servers read it a moment later: a client that comes in between would find its
+// world without it, and give up.
+TEST_F(SharedSessions, AStreamBeginsWithAllThatIsAcknowledged) {
+  start(), start();
+  engine.slow(20ms);
+  const auto first = find(0, "default");
+  for (int k = 0; k < 3; ++k) {
+    std::optional<Outcome<std::uint64_t>> number;
+    first->edit({"", "ann", testing_support::craterAt(9 * k)}, first->budgetsOf("x"), [&](const auto& n) { number = n; });
+    while (!number) pass(1ms);
+    ASSERT_TRUE(*number) << number->error().message;
+    EXPECT_LT(find(1, "default")->ground().edit, **number) << "it is behind";
+    EXPECT_EQ(stream(1, "default"), 101u) << body;
+    EXPECT_GE(find(1, "default")->ground().edit, **number);
+  }
+  engine.stop();
+  pass(1s);
+  EXPECT_EQ(stream(1, "default"), 101u) << "with what it has: " << body;
+}
+
 TEST_F(SharedSessions, GoOnWhileTheEngineIsAwayAndNoneIsMade) {
   start(), start();
   stream(0, "alps&terrain=flat");
