@@ -365,7 +365,7 @@ Reply upgradeOnceThere(std::shared_ptr<session::Session> session) {
   if (bus.server() == 0) return Upgrade{std::move(session)};
   BusAnswer<std::vector<bus::Entry>> read;
   const std::uint64_t own = session->ground().edit;
-  bus.read(session->name(), own, session::EditOrder::kPageBytes, read.receiver());
+  bus.read(session->name(), own, editing::EditOrder::kPageBytes, read.receiver());
   const auto until = std::chrono::steady_clock::now() + kAwaitEdit;
   return DeferredResponse{.work = [session = std::move(session), read, own, until](const Turn& turn) -> Reply {
     const auto entries = read.get(turn.wake);

@@ -278,6 +278,8 @@ def main() -> int:
     if sys.argv[1:] == ["--check"]:
         return 0
     seeds = sys.argv[1] if len(sys.argv) > 1 else "2000"
+    if not seeds.isdigit():
+        sys.exit(__doc__)
     COPY.mkdir(parents=True, exist_ok=True)
     for name in subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=True).stdout.split("\0")[:-1]:
         original, copy = ROOT / name, COPY / name
