@@ -15,7 +15,10 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 COPY = ROOT / "build/mutants"
-# File, what stands there once, what stands there instead; where it is not the simulation that must find it, the preset and the test.
+SEVERAL = "several servers"
+FIRST_OF_SEVERAL = 1_000_000  # World::kSeveral
+# File, what stands there once, what stands there instead; where it is not the simulation that must find it, the preset and the test, or
+# SEVERAL: its seeds of several servers.
 MUTANTS = [
     ("server/replica/replica.h", "unacknowledged_.size() < window_;", "unacknowledged_.size() <= window_;"),
     ("server/replica/replica.cpp", "    meshHash_ -= mesh::hashTerm(held->address, held->hash);\n", ""),
@@ -170,6 +173,67 @@ MUTANTS = [
      "test directory_test"),
     ("server/edit_log/lock.cpp", "F_OFD_SETLK, &range) == 0) return lock;", "F_OFD_GETLK, &range) == 0) return lock;"),
     ("server/edit_log/lock.cpp", "if (file_ >= 0) ::close(file_);", ""),
+    # Of several servers: the order of edits, their keys, the clock, members, names, meshes that move.
+    ("server/session/edit_order.cpp",
+     "return isUnsure ? resolveAt(answer.last) : decide({Decided::Kind::kLost});",
+     "return isUnsure ? resolveAt(answer.last) : decide({});",
+     SEVERAL),
+    ("server/session/edit_order.cpp",
+     "    case Kind::kUnknown:\n      return retry();",
+     "    case Kind::kUnknown:\n      return decide({Decided::Kind::kAway, 0, kAwayNow});",
+     SEVERAL),
+    ("server/session/edit_order.cpp",
+     "return isUnsure ? resolveAt(answer.last) : decide({Decided::Kind::kLost});",
+     "return decide({Decided::Kind::kLost});",
+     SEVERAL),
+    ("server/session/edits_following.cpp",
+     "  group_.clear();  // their keys are looked up again on the new ground\n",
+     "",
+     SEVERAL),
+    ("server/session/edit_order.cpp",
+     "  if (told < own()) return bringBack(told, std::move(done));",
+     "  if (told < own()) return pause(kRetry), done({Next::Kind::kAway});",
+     SEVERAL),
+    ("server/http/worlds.cpp",
+     "if (upgrading) return upgradeOnceThere(std::move(session));",
+     "if (upgrading) return Upgrade{std::move(session)};",
+     SEVERAL),
+    ("server/session/edits_following.cpp",
+     "  if (!order_->isShared() || std::none_of(group_.begin(),",
+     "  if (order_->isShared() || std::none_of(group_.begin(),",
+     SEVERAL),
+    ("server/session/shared_clock.cpp",
+     "!isHere || numbered.number != applied + 1) continue;",
+     "!isHere) continue;",
+     SEVERAL),
+    ("server/session/shared_clock.cpp",
+     "if (isLeaderBehind_ || now.here - leaderHeard_ >= kSilence) {",
+     "if (isLeaderBehind_) {",
+     SEVERAL),
+    ("server/session/shared_clock.cpp",
+     "    if (show(answer->record.value, now)) lead(now);",
+     "    lead(now);",
+     SEVERAL),
+    ("server/session/shared_clock.cpp",
+     "if (told->epoch < epoch_ || (told->epoch == epoch_",
+     "if ((told->epoch == epoch_",
+     SEVERAL),
+    ("server/session/presence.cpp",
+     "if (now >= at + kSilence && gone.size()",
+     "if (now >= at + 100 * kSilence && gone.size()",
+     SEVERAL),
+    ("server/session/presence.cpp",
+     " && now < entry.shared.at + kRepeat) continue;",
+     ") continue;",
+     SEVERAL),
+    ("server/directory/directory.h",
+     "return std::uint64_t{resources_->bus->server()} << 32 | number;",
+     "return number;",
+     SEVERAL),
+    ("server/member/camera_handover.cpp",
+     "  task_.ground.edit = checkpoint->edit;  // the next iteration knows the others\n",
+     "",
+     SEVERAL),
     # Rooms outside the simulation.
     ("common/triangulation/predicates.h", "if (m == &b) return orientation(c, a, d) < 0;", "if (m == &b) return orientation(c, a, d) > 0;",
      "test triangulation_test"),
@@ -293,9 +357,11 @@ def main() -> int:
     mutants = [m for m in MUTANTS if any(word in text for text in m)]
     sound = set()
     for file, before, after, *by in mutants:
-        preset, test = by[0].split() if by else ("test", "simulation_test")
+        isSimulated = not by or by[0] == SEVERAL
+        preset, test = ("test", "simulation_test") if isSimulated else by[0].split()
+        env["FROM"] = str(FIRST_OF_SEVERAL if by == [SEVERAL] else 1)
         program = [COPY / "build" / preset / "bin" / test]
-        if test not in sound and (not build(preset, test) or (by and subprocess.run(program, env=env, capture_output=True).returncode)):
+        if test not in sound and (not build(preset, test) or (not isSimulated and subprocess.run(program, env=env, capture_output=True).returncode)):
             sys.exit(f"{test} fails without a fault")
         sound.add(test)
         path = COPY / file
@@ -308,7 +374,7 @@ def main() -> int:
             try:
                 run = subprocess.run(program, env=env, capture_output=True, text=True, timeout=3600)
                 seeds = re.findall(r'SEED=([0-9]+)', run.stdout)
-                what = "" if not run.returncode else " ".join(by) if by else f"seed {seeds[-1]}" if seeds else "a contract"
+                what = "" if not run.returncode else " ".join(by) if not isSimulated else f"seed {seeds[-1]}" if seeds else "a contract"
             except subprocess.TimeoutExpired:
                 what = "it hangs"
             found += bool(what)
