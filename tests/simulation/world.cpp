@@ -378,7 +378,7 @@ void World::judgeShared() {
   const wire::Clock clock = some.session()->clock().state();
   if (clock.step != step_ || clock.waitsFor.empty()) stepSeen_ = timer_.now();
   step_ = clock.step;
-  EXPECT_LE(timer_.now() - std::max(stepSeen_, cluster_->calmFrom()), session::SessionClock::kStepTimeout + 8s)
+  EXPECT_LE(timer_.now() - std::max(stepSeen_, cluster_->calmFrom()), clock::SessionClock::kStepTimeout + 8s)
       << "step " << step_ << " waits";
 }
 
