@@ -98,7 +98,8 @@ class World {
   // recording anywhere, and going back restarts it there, and the connection with it.
   Result<void> jump(Microseconds time, Milliseconds timeout);
   // Moves a stepped or unowned clock by `time`, and waits until every member that follows it has done the step. After kTimeout the step is
-  // still pending: call with 0 to keep waiting for it. kRefused: there is no step. (Another time replaces one that was not sent, as after kLost.)
+  // still pending: call with 0 to keep waiting for it. kRefused: there is no step. (Another time replaces one that was not sent, as after
+  // kLost.)
   Result<void> step(Microseconds time, Milliseconds timeout);
   // For a member that follows: reports the last returned step as done, waits for the next one and returns the session's time.
   Result<std::uint64_t> nextStep(Milliseconds timeout);

@@ -71,14 +71,13 @@ void SharedClock::announce(const Now& now, bool isFull) {
   for (const ToldCalls::Numbered& numbered : pending_)
     if (!numbered.all && isOnce(numbered.call)) lost.insert(numbered.call.member);
   for (const std::uint64_t member : lost)
-    news_.notices.push_back(isFull
-                                ? Notice{member,
-                                              "Too many calls to the clock wait: it is not known whether your last one took effect; look "
-                                              "at the clock, and repeat the call if it did not."}
-                                : Notice{member,
-                                              "The servers of this world lost touch, so your last call to the clock had no effect: "
-                                              "repeat it.",
-                                              true});
+    news_.notices.push_back(isFull ? Notice{member,
+                                            "Too many calls to the clock wait: it is not known whether your last one took effect; look "
+                                            "at the clock, and repeat the call if it did not."}
+                                   : Notice{member,
+                                            "The servers of this world lost touch, so your last call to the clock had no effect: "
+                                            "repeat it.",
+                                            true});
   pending_.clear();
   announced_ = ++lastNumber_;
   ToldCalls::Numbered numbered{announced_, std::vector<ToldCalls::Member>()};
