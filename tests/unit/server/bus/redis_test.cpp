@@ -122,9 +122,13 @@ class RedisBus : public testing::Test {
 };
 
 TEST_F(RedisBus, ServesAUserOfOurSettingsFile) {
-  const RedisServer redis({RIDGECAST_REDIS_CONF});
+  RedisServer redis({RIDGECAST_REDIS_CONF});
   const std::string place = "127.0.0.1:" + std::to_string(redis.port());
-  useAll({"redis://ridgecast:change-this-password@" + place, {}, {}});
+  const Redis::Settings settings{"redis://ridgecast:change-this-password@" + place, {}, {}};
+  useAll(settings);
+  redis.kill();
+  redis.start();
+  EXPECT_THAT(all(*connectTo(settings)), ElementsAre("one")) << "it was acknowledged";
   EXPECT_THAT(refusal({"redis://ridgecast:wrong@" + place, {}, {}}), HasSubstr("refuses the user or the password (WRONGPASS"));
   EXPECT_THAT(refusal({"redis://" + place, {}, {}}), HasSubstr("a password may be missing (NOAUTH"));
   const testing_support::ScratchFolder folder;
