@@ -126,9 +126,10 @@ TEST_F(RedisBus, ServesAUserOfOurSettingsFile) {
   const std::string place = "127.0.0.1:" + std::to_string(redis.port());
   const Redis::Settings settings{"redis://ridgecast:change-this-password@" + place, {}, {}};
   useAll(settings);
+  EXPECT_EQ(append(*connectTo(settings), 1, {"two", "three"}).kind, Kind::kDone);
   redis.kill();
   redis.start();
-  EXPECT_THAT(all(*connectTo(settings)), ElementsAre("one")) << "it was acknowledged";
+  EXPECT_THAT(all(*connectTo(settings)), ElementsAre("one", "two", "three")) << "they were acknowledged";
   EXPECT_THAT(refusal({"redis://ridgecast:wrong@" + place, {}, {}}), HasSubstr("refuses the user or the password (WRONGPASS"));
   EXPECT_THAT(refusal({"redis://" + place, {}, {}}), HasSubstr("a password may be missing (NOAUTH"));
   const testing_support::ScratchFolder folder;
