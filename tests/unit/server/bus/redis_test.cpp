@@ -33,7 +33,7 @@ bool awaitSoon(const std::function<bool()>& so) {
   return true;
 }
 
-std::shared_ptr<Bus> connectTo(const Redis::Settings& settings, std::shared_ptr<metrics::Metrics> figures = nullptr) {
+std::shared_ptr<Bus> connectTo(const Redis::Settings& settings, const std::shared_ptr<metrics::Metrics>& figures = nullptr) {
   auto bus = Redis::connect(settings, figures ? figures : std::make_shared<metrics::Metrics>());
   if (!bus) throw std::runtime_error(bus.error().message);
   return *bus;
