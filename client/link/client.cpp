@@ -146,7 +146,6 @@ Update Client::answer(Decoding&& decoding, core::Follower::Answer answer) {
   connection_->acknowledge(answer.acknowledge);
   update.wrong = std::move(answer.wrong);
   edit_ = std::max(edit_, update.iteration.edit);
-  if (!update.wrong) connection_->applied();
   return update;
 }
 

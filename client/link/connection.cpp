@@ -295,10 +295,6 @@ bool Connection::waitForClock(std::uint64_t seen, milliseconds timeout) const {
   return isNewer;
 }
 
-void Connection::applied() {
-  impl_->look([](Reconnector& r) { r.applied(); });
-}
-
 const wire::World& Connection::world() const { return impl_->reconnector_.conversation().world(); }
 bool Connection::followsEdits() const { return impl_->reconnector_.conversation().followsEdits(); }
 

@@ -113,8 +113,6 @@ class Connection {
   void change(const wire::Settings& settings);
   wire::Settings granted() const;  // the settings the server iterates by, as last heard
 
-  void applied();  // an iteration was applied without an error: resets the pause
-
   // Any thread: waits until this holds of what was heard, at most `timeout`; whether it does. It must not call the connection.
   bool wait(std::chrono::milliseconds timeout, const std::function<bool(const core::Reconnector&)>& holds) const;
 

@@ -47,7 +47,7 @@ using namespace std::chrono_literals;
 // Connections beyond a limit that still get an answer; any more are closed at once.
 constexpr std::uint32_t kTurnedAtATime = 32;
 // Between two streams that a server that drains sends away.
-constexpr std::chrono::milliseconds kBetweenStreams{50};
+constexpr std::chrono::milliseconds kBetweenStreams{150};
 // Connections of the admin port; any more are closed at once.
 constexpr std::uint32_t kAdminsAtATime = 64;
 

@@ -31,6 +31,7 @@ Wrong Reconnector::heard(std::span<const std::uint8_t> frame, Instant now) {
   expects(hasLine_, "what is heard came over a line");
   const bool wasGreeted = isGreeted();
   if (Wrong wrong = ofLine().heard(frame, now)) return wrong;
+  if (!wasGreeted && isGreeted()) greeted_ = now;
   if (wasGreeted || !isGreeted() || !coming_ || !current_->hasWorld()) return std::nullopt;
   const wire::World &before = current_->world(), &after = coming_->world();
   otherWorld_ = after.contentHash != before.contentHash || (after.edit < current_->edit() && !current_->isRecording());
@@ -45,17 +46,20 @@ std::optional<Reconnector::Instant> Reconnector::due() const {
 
 void Reconnector::ended(const Error& why, Instant now) {
   expects(hasLine_, "a line that ended was dialled");
+  if (isGreeted() && now - greeted_ >= kLongestPause) pause_ = kFirstPause;
   hasLine_ = false;
   lost_ = why;
   target_ = url_;
   ofLine().end(why);
   speaksOther_ = ofLine().speaksOther();
-  if (const auto& sentTo = ofLine().sentTo(); sentTo && !sentTo->empty()) follow(*sentTo);
+  const auto sentTo = ofLine().sentTo();
+  if (sentTo && !sentTo->empty()) follow(*sentTo);
   hello_.editsAfter = current_->forgetEdits();
   if (current_->isRecording()) hello_.editsAfter = 0;  // it may go back: it tells all of them again
   coming_.reset();
   const auto half = static_cast<unsigned>(pause_.count() / 2);
-  next_ = now + std::chrono::milliseconds(half + random_() % (half + 1));
+  next_ = now;
+  if (!sentTo || pause_ != kFirstPause) next_ += std::chrono::milliseconds(half + random_() % (half + 1));
   pause_ = std::min(2 * pause_, kLongestPause);
 }
 

@@ -1,6 +1,7 @@
 #pragma once
-// Successive conversations with one server: when one ends, the next begins after a pause. The pause grows until an iteration is applied,
-// and is random, so that a thousand clients do not reconnect at once. The server may have restarted, or may have sent us to another one.
+// Successive conversations with one server: when one ends, the next begins after a pause. The pause grows until a conversation has lasted
+// for the longest pause, and is random, so that a thousand clients do not reconnect at once. The server may have restarted, or may have sent
+// us to another one: servers that leave spread their clients themselves, so the first pause is left out.
 // Like Conversation, it has no socket, thread or clock, and is not thread-safe.
 //
 // The owner switches to the next conversation with goOn(); until then the ended one stays, with what it received before its end. Requests
@@ -57,8 +58,6 @@ class Reconnector {
   Wrong send(const wire::PoseMessage& pose);
   Wrong change(const wire::Settings& settings);
   Wrong skipSteps(bool skips);
-  // An iteration was applied without an error: resets the pause.
-  void applied() { pause_ = kFirstPause; }
 
   const std::optional<Error>& lost() const { return lost_; }  // why there is no conversation at the moment
   // The server came back with another world or, unless it plays a recording, without edits that were heard of: what is held is useless
@@ -92,7 +91,8 @@ class Reconnector {
   wire::Settings asked_;                            // when coming_ began
   std::optional<wire::PoseMessage> pose_;
   std::optional<Error> lost_;
-  Instant next_{};  // dial()
+  Instant next_{};     // dial()
+  Instant greeted_{};  // the line
   std::chrono::milliseconds pause_ = kFirstPause;
   std::minstd_rand random_;
   std::uint64_t bytesBefore_ = 0, reconnections_ = 0;

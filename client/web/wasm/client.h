@@ -250,7 +250,6 @@ class Client {
     const wire::Iteration& iteration = received.iteration;
     const core::Follower::Answer answer = follower_.apply(iteration);
     const core::Scene& scene = follower_.scene();
-    if (!answer.wrong) line_->applied();
     figures_.bytes += received.bytes;
     figures_.decoded += scene.came();
     ++figures_.hashes;

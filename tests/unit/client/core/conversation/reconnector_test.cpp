@@ -108,7 +108,7 @@ TEST(Reconnector, TheFirstLossIsTheEndWhereItDoesNotReconnectOrHasSeenNoWorld) {
   }
 }
 
-TEST(Reconnector, PausesGrowUntilAnIterationWasAppliedAndAreRandom) {
+TEST(Reconnector, PausesGrowUntilAConversationLastedAndAreRandom) {
   std::set<std::int64_t> firsts;
   for (std::uint32_t random = 0; random < 50; ++random) {
     Journey journey({}, "ws://here:1", Returns::kToItsWorld, random);
@@ -129,10 +129,26 @@ TEST(Reconnector, PausesGrowUntilAnIterationWasAppliedAndAreRandom) {
     journey.reconnector.goOn({});
     EXPECT_GE(pause(), 1s) << "a world alone is no return";
     journey.returns();
-    journey.reconnector.applied();
-    EXPECT_LE(pause(), 50ms);
+    journey.now += Reconnector::kLongestPause - 1ms;
+    EXPECT_GE(pause(), 1s);
+    journey.returns();
+    journey.now += Reconnector::kLongestPause;
+    EXPECT_LE(pause(), 50ms) << "also of a client that gets no mesh";
   }
   EXPECT_GT(firsts.size(), 10u) << "everybody comes back at once";
+}
+
+// Two servers that both leave must not have a client run between them.
+TEST(Reconnector, WhoIsSentAwayComesAtOnceOnce) {
+  Journey journey;
+  journey.begins();
+  const auto pause = [&] {
+    journey.hears(farewell("ws://there:2"));
+    return *journey.reconnector.due() - journey.now;
+  };
+  EXPECT_EQ(pause(), 0ms);
+  journey.returns();
+  EXPECT_GE(pause(), 50ms);
 }
 
 TEST(Reconnector, WhatCameBeforeTheEndIsTakenFirst) {
