@@ -221,9 +221,10 @@ int serve(const config::Config& config, const sigset_t& signals, const BeginServ
     recorder = std::move(*opened);
   }
   std::unique_ptr<net::Server> server;  // before the executor, so that it is destroyed after it: tasks send through it
-  scheduling::Executor disk(1), executor(config.threads);
+  scheduling::Executor disk(1), edits(1), executor(config.threads);
   auto resources = std::make_shared<session::Resources>();
   resources->executor = &executor;
+  resources->edits = &edits;
   resources->disk = &disk;
   resources->makeMesh = session::pipelineMeshes();
   resources->serverName = "ridgecast-server " RIDGECAST_VERSION;

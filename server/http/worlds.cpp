@@ -151,15 +151,13 @@ class BusAnswer {
 };
 
 // A session in the making: its name is reserved, looked up on all servers, its terrain made, the name claimed for that world. In turns,
-// which never wait: not made yet as long as somebody else has the name, or the bus has not answered. The answer to a client that has left
-// is not read: then nothing is made.
+// which never wait: not made yet as long as somebody else has the name, or the bus has not answered. Only the one who has the name moves to
+// kWorlds, where few may wait, and only if that takes long. The answer to a client that has left is not read: then nothing is made.
 class Making : public std::enable_shared_from_this<Making> {
  public:
-  // `queue`: kPrompt, from which it moves to kWorlds if its terrain takes long, or kWorlds.
-  Making(Queue queue, std::string name, Wish wish, std::string client, std::optional<Answer> mayNotCreate, directory::Directory& directory,
-         Enter enter, bool makes)
-      : queue_(queue),
-        name_(std::move(name)),
+  Making(std::string name, Wish wish, std::string client, std::optional<Answer> mayNotCreate, directory::Directory& directory, Enter enter,
+         bool makes)
+      : name_(std::move(name)),
         wish_(std::move(wish)),
         client_(std::move(client)),
         mayNotCreate_(std::move(mayNotCreate)),
@@ -182,6 +180,7 @@ class Making : public std::enable_shared_from_this<Making> {
         return RetryAt{std::chrono::steady_clock::now() + kNameTaken};
       }
       reserved_ = std::move(*reserved);
+      if (directory_.keeps(name_)) return takeLong();  // its edits are read
     }
     if (!found_) directory_.worlds().find(name_, found_.emplace().receiver());
     const auto found = found_->get(turn.wake);
@@ -192,6 +191,11 @@ class Making : public std::enable_shared_from_this<Making> {
   }
 
  private:
+  Reply takeLong() {
+    queue_ = Queue::kWorlds;
+    return work();
+  }
+
   Answer unknown(const Error& why) const {
     return refused(503, metrics::Refusal::kSession,
                    "Session '" + name_ + "' is not on this server, and cannot be looked up on the others now: " + why.message,
@@ -245,7 +249,7 @@ class Making : public std::enable_shared_from_this<Making> {
   // None: it is made.
   std::optional<Reply> makeTerrain(const WorldSpec& spec, const std::stop_token& stop) {
     if (terrain_ && made_ == spec) return {};
-    if (!isMadeAtOnce(spec.terrain, spec.parameters) && std::exchange(queue_, Queue::kWorlds) != Queue::kWorlds) return work();
+    if (queue_ != Queue::kWorlds && !isMadeAtOnce(spec.terrain, spec.parameters)) return takeLong();
     if (!directory_.resources().makeTerrain)
       return refused(403, metrics::Refusal::kSession, "Sessions cannot be created on this server; 'default' always exists.");
     auto terrain = directory_.resources().makeTerrain(spec, stop);
@@ -281,7 +285,7 @@ class Making : public std::enable_shared_from_this<Making> {
     return full ? refusedFor(*full) : refused(503, metrics::Refusal::kFull, added.error().message);
   }
 
-  Queue queue_;
+  Queue queue_ = Queue::kPrompt;
   const std::string name_;
   const Wish wish_;
   const std::string client_;
@@ -328,8 +332,7 @@ Reply inSession(const Request& request, directory::Directory& directory, const E
     if (const auto full = directory.full(client)) return refusedFor(*full);
   }
   const bool atOnce = !directory.isShared() && !isKept && isMadeAtOnce(wish->terrain, wish->parameters);
-  const Queue queue = directory.isShared() && !isKept ? Queue::kPrompt : Queue::kWorlds;
-  const auto making = std::make_shared<Making>(queue, wanted, std::move(*wish), client, std::move(mayNotCreate), directory, enter, makes);
+  const auto making = std::make_shared<Making>(wanted, std::move(*wish), client, std::move(mayNotCreate), directory, enter, makes);
   if (atOnce)
     if (Reply made = making->turn({}); !std::holds_alternative<RetryAt>(made)) return made;
   return making->work();
@@ -346,9 +349,7 @@ std::optional<std::string> missingHere(const Request& request, const directory::
 }
 
 Reply fromElsewhere(const std::string& name, const Request& request, directory::Directory& directory, const Enter& enter) {
-  return std::make_shared<Making>(directory.keeps(name) ? Queue::kWorlds : Queue::kPrompt, name, Wish{}, std::string(request.client),
-                                  noSession(name, directory), directory, enter, true)
-      ->work();
+  return std::make_shared<Making>(name, Wish{}, std::string(request.client), noSession(name, directory), directory, enter, true)->work();
 }
 
 Outcome<earth::Coordinates> coordinatesOf(const session::Session& session, std::string_view crs) {
@@ -364,18 +365,13 @@ Reply upgradeOnceThere(std::shared_ptr<session::Session> session) {
   bus::Bus& bus = *session->resources().bus;
   if (bus.server() == 0) return Upgrade{std::move(session)};
   BusAnswer<std::vector<bus::Entry>> read;
-  const std::uint64_t own = session->ground().edit;
-  bus.read(session->name(), own, editing::EditOrder::kPageBytes, read.receiver());
-  const auto until = std::chrono::steady_clock::now() + kAwaitEdit;
-  return DeferredResponse{.work = [session = std::move(session), read, own, until](const Turn& turn) -> Reply {
+  bus.read(session->name(), session->ground().edit, editing::EditOrder::kPageBytes, read.receiver());
+  return DeferredResponse{.work = [session = std::move(session), read](const Turn& turn) -> Reply {
     const auto entries = read.get(turn.wake);
     if (!entries) return RetryAt{RetryAt::kWhenWoken};
-    if (!*entries || (*entries)->empty() || session->ground().edit >= (*entries)->back().number) return Upgrade{session};
-    constexpr std::chrono::milliseconds kPause{5};
-    if (const auto now = std::chrono::steady_clock::now(); now < until) return RetryAt{now + kPause};
-    return refused(503, metrics::Refusal::kSession,
-                   "What other servers have made of the ground has not reached this server; try again in a moment.",
-                   {{"Retry-After", "1"}});
+    const auto go = [session]() -> Reply { return Upgrade{session}; };
+    const std::uint64_t last = *entries && !(*entries)->empty() ? (*entries)->back().number : 0;
+    return session->ground().edit < last ? onceHas(std::to_string(last), session, go) : go();
   }};
 }
 

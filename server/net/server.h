@@ -62,7 +62,7 @@ struct Settings : http::Access {                 // host: the address to listen 
   std::uint32_t maxMessagesPerSecond = 4000;  // 0: unlimited
   std::chrono::milliseconds timeout{10'000};
   std::chrono::milliseconds idle{60'000};
-  http::Jobs::Limits promptJobs{2, 64};    // answers that take milliseconds
+  http::Jobs::Limits promptJobs{2, 512};   // answers that take milliseconds
   http::Jobs::Limits tileJobs{1, 128};     // 3D and map tiles: some 50 ms each, many at a time
   http::Jobs::Limits patientJobs{1, 4};    // answers that take seconds
   http::Jobs::Limits worldJobs{1, 8, 10};  // compilation of worlds

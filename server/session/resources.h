@@ -61,8 +61,10 @@ struct Resources {
   // Not owned: a task may be the last owner of anything here, and an executor cannot be destroyed by its own threads. Destroyed after the
   // sockets are closed; remaining tasks are dropped.
   scheduling::Executor* executor = nullptr;
-  // Of one thread, which writes and reads edits, so that no other waits for a disk. Null: `executor` does.
-  scheduling::Executor* disk = nullptr;
+  // Of one thread each. One makes edits, which would wait for an iteration of some camera four times over; the other writes and reads them,
+  // so that no other waits for a disk. Null: `executor` does.
+  scheduling::Executor *edits = nullptr, *disk = nullptr;
+  scheduling::Executor& editor() const { return edits ? *edits : *executor; }
   scheduling::Executor& writer() const { return disk ? *disk : *executor; }
   MakeMesh makeMesh;
   MakeTerrain makeTerrain;      // for sessions that clients create; empty: not allowed

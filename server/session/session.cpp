@@ -100,7 +100,7 @@ Session::Session(std::string name, std::shared_ptr<const terrain::Terrain> terra
       clock_(std::make_shared<clock::SessionClock>(*resources_->timer, spec_.clock, observer_)),
       presence_(std::make_shared<presence::Presence>(*resources_->timer, clock_)),
       edits_(std::make_shared<editing::Edits>(
-          std::move(terrain), *resources_->executor, resources_->writer(), resources_->editSpace,
+          std::move(terrain), resources_->editor(), resources_->writer(), resources_->editSpace,
           [live = live_] {
             for (const auto& camera : live->all()) camera->groundChanged();
           },

@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 
 #include <chrono>
+#include <csignal>
 #include <nlohmann/json.hpp>
 #include <string>
 #include <thread>
@@ -61,6 +62,30 @@ TEST(DurableSession, ComesBackWithItsWorldAndItsEdits) {
   ServerProcess server(RIDGECAST_SERVER, arguments);
   EXPECT_EQ(bodyOf(ask(server.port(), world))["heights"][0].get<float>(), after);
   EXPECT_EQ(editsOf(server.port(), "site").size(), 1u);
+}
+
+// As the clients of a server that ended come to another one.
+TEST(DurableSession, AllMembersOfOneAddressMayComeBackAtOnce) {
+  const testing_support::ScratchFolder folder;
+  const std::vector<std::string> arguments{"--state", folder / "state"};
+  const std::string world = "GET /v1/heights?session=site&at=5,5";
+  {
+    ServerProcess server(RIDGECAST_SERVER, arguments);
+    ask(server.port(), world + "&terrain=canyon");
+    for (int k = 0; k < 50; ++k)
+      ASSERT_NE(
+          ask(server.port(), "POST /v1/sessions/site/edits", R"({"op":"smooth","z":5,"radius":40,"x":)" + std::to_string(60 * k) + "}")
+              .find(" 201 "),
+          std::string::npos);
+    server.process().signal(SIGKILL);
+  }
+  ServerProcess server(RIDGECAST_SERVER, arguments);
+  std::vector<std::string> answers(80);
+  {
+    std::vector<std::jthread> members;
+    for (std::string& answer : answers) members.emplace_back([&] { answer = ask(server.port(), world); });
+  }
+  for (const std::string& answer : answers) EXPECT_EQ(answer.substr(0, 12), "HTTP/1.1 200") << answer;
 }
 
 TEST(DurableSession, CompactedEditsAreInTheAnswersOfThoseWhoComeLater) {

@@ -126,7 +126,7 @@ class Place:
                     [str(PROGRAM), "--port", str(port), "--terrain", "alpine", "--seed", "1", "--state", str(self.folder / f"state-{k}"),
                      "--shared", f"redis://{':'.join(self._user)}@127.0.0.1:{self.redis_port}", "--reconnect-url", "",
                      "--trusted-proxy", "127.0.0.0/8",
-                     "--max-members", "1000", "--max-connections-per-address", "4000", "--session-idle", "600", "--drain", "5",
+                     "--max-cameras", "1000", "--max-connections-per-address", "4000", "--session-idle", "600", "--drain", "5",
                      "--log-level", "info"])
             for k, port in enumerate(self.server_ports)]
         configuration = self.folder / "haproxy.cfg"  # the one that is shipped, with a line for each further server
