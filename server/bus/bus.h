@@ -28,7 +28,7 @@ namespace ridgecast::bus {
 
 struct Entry {
   std::uint64_t number = 0;  // from 1, without gaps
-  std::string bytes;
+  std::string bytes;         // empty: the engine has lost it, and has later ones
   friend bool operator==(const Entry&, const Entry&) = default;
 };
 

@@ -19,7 +19,7 @@ namespace {
 
 constexpr auto kFirstPatience = 6s;  // more than a grace
 constexpr auto kTick = 500ms, kMinPause = 50ms, kMaxPause = 1000ms;
-constexpr auto kMeasureEvery = 10s;
+constexpr auto kMeasureEvery = 1s;
 constexpr std::size_t kSamples = 8;
 constexpr std::size_t kServerBytes = 4;  // at the front of a message: who sent it
 constexpr std::uint32_t kServers = 1u << 20;
@@ -161,7 +161,10 @@ void Line::tick() {
     if (!asksTime_) askTime();
     if (Clock::now() - measuredAt_ >= kMeasureEvery) {
       measuredAt_ = Clock::now();
-      commands_->send(command({"INFO", "memory"}), [this](const Answer& answer) { measure(answer.reply); });
+      commands_->send(command({"INFO", "memory"}), [this, known = written_.load()](const Answer& answer) {
+        measure(answer.reply);
+        written_ -= known;
+      });
     }
     if (subscriptions_->isIdle()) subscriptions_->send(command({"PING"}), [](const Answer&) {});
   }
@@ -254,7 +257,11 @@ void Line::measure(const Reply& info) {
              limit = text::number<std::uint64_t>(valueOf(info.text, "maxmemory"));
   if (used) memory_.Set(static_cast<double>(*used));
   if (limit) memoryLimit_.Set(static_cast<double>(*limit));
+  used_ = used.value_or(0);
+  limit_ = limit.value_or(0);
 }
+
+bool Line::isNearlyFull() const { return limit_ > 0 && used_ + written_ > limit_ - limit_ / 16; }
 
 void Line::countAway() {
   const auto now = Clock::now();

@@ -47,6 +47,10 @@ class Line final : public std::enable_shared_from_this<Line> {
 
   std::string where() const { return address_.text(); }
   std::uint32_t server() const { return server_; }
+  // Less than a sixteenth of its memory is left, as far as it was heard a second ago, and with what this server has written since: only
+  // small records have room, without which no session goes on.
+  bool isNearlyFull() const;
+  void countWritten(std::size_t bytes) { written_ += bytes; }
   bool isAway() const { return isAway_; }
   std::int64_t now() const;
 
@@ -104,8 +108,9 @@ class Line final : public std::enable_shared_from_this<Line> {
   const std::string ownChannel_;           // for answers that keep the order of messages
   std::atomic<std::uint32_t> server_ = 0;
   std::atomic<bool> isAway_ = true, hasEnded_ = false;
-  std::atomic<std::int64_t> ahead_ = 0;       // as Sample's
-  std::array<std::string, kScripts> hashes_;  // written before start() ends, and not after
+  std::atomic<std::uint64_t> used_ = 0, limit_ = 0, written_ = 0;  // bytes: of the engine's memory; since that was asked
+  std::atomic<std::int64_t> ahead_ = 0;                            // as Sample's
+  std::array<std::string, kScripts> hashes_;                       // written before start() ends, and not after
   struct Waiting {
     std::atomic<std::size_t> calls = 0, bytes = 0;
   };

@@ -24,6 +24,8 @@ const std::vector<double> kAppendSeconds{0.0005, 0.001, 0.002, 0.005, 0.01, 0.02
 constexpr std::array<const char*, 5> kAppendResults{"done", "refused", "away", "full", "unknown"};
 
 constexpr std::string_view kRecords = "ridgecast:records";
+constexpr std::size_t kSmallRecord = std::size_t{64} << 10;
+constexpr const char* kNearlyFull = "less than a sixteenth of its memory is left, which is for small records";
 constexpr const char* kOdd = "The engine between the servers answers as nobody asked it to.";
 constexpr const char* kAway = "The engine between the servers cannot be reached, or too much waits for it; try again soon.";
 
@@ -144,16 +146,22 @@ void Redis::append(const std::string& log, std::uint64_t after, std::vector<std:
       f->appendSeconds.Observe(std::chrono::duration<double>(std::chrono::steady_clock::now() - begun).count());
     done(std::move(appended));
   };
-  if (bytes > kMaxAppendBytes) entries.clear();
+  const char* refused = nullptr;
+  if (origin == Origin::kNew && line_->isNearlyFull()) refused = kNearlyFull;
+  if (bytes > kMaxAppendBytes) refused = "an append has at most 16 MiB";
+  if (refused) entries.clear();
   const std::string number = std::to_string(after), topic = line_->channelOf("log", log), key = logKey(log);
   std::vector<std::string_view> arguments{topic, number, origin == Origin::kNew ? "new" : "kept"};
   arguments.insert(arguments.end(), entries.begin(), entries.end());
-  if (bytes <= kMaxAppendBytes) return line_->call(Script::kAppend, {key, "ridgecast:grace"}, arguments, std::move(answered));
+  if (!refused) {
+    line_->countWritten(bytes);
+    return line_->call(Script::kAppend, {key, "ridgecast:grace"}, arguments, std::move(answered));
+  }
   // Its last number is read by appending nothing.
-  line_->call(Script::kAppend, {key, "ridgecast:grace"}, arguments, [answered = std::move(answered)](Line::Answer answer) {
+  line_->call(Script::kAppend, {key, "ridgecast:grace"}, arguments, [answered = std::move(answered), refused](Line::Answer answer) {
     if (answer.reply.part(0) == "done") {
       answer.reply.parts[0].text = "full";
-      answer.reply.parts[2].text = "an append has at most 16 MiB";
+      answer.reply.parts[2].text = refused;
     }
     answered(answer);
   });
@@ -198,6 +206,9 @@ void Redis::hold(const std::string& key, std::string value, std::uint64_t epoch,
   };
   if (value.size() > kMaxValueBytes)
     return line_->post([answered = std::move(answered)] { answered(Error{"A record has at most 4 MiB."}); });
+  if (value.size() > kSmallRecord && line_->isNearlyFull())
+    return line_->post(
+        [answered = std::move(answered)] { answered(Error{std::string("Of the engine between the servers ") + kNearlyFull + "."}); });
   const std::string number = std::to_string(epoch), milliseconds = std::to_string(life.count()), record = recordKey(key),
                     last = epochKey(key);
   line_->call(Script::kHold, {record, last, kRecords, "ridgecast:era"}, {key, value, number, milliseconds},

@@ -352,7 +352,7 @@ EditOrder::Next EditOrder::readNext(Outcome<std::vector<bus::Entry>> entries, st
   const std::lock_guard lock(mutex_);
   for (const bus::Entry& e : *entries) {
     auto entry = edit_log::unpackEntry(e.bytes);
-    std::string wrong = entry ? "" : entry.error().message;
+    std::string wrong = entry ? "" : e.bytes.empty() ? "the engine has lost it" : entry.error().message;
     if (entry && (e.number != ++after || entry->edit.number != after)) wrong = "it has the number " + std::to_string(entry->edit.number);
     if (!wrong.empty()) {
       if (!next.entries.empty()) break;  // those before it first

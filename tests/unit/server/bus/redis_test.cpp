@@ -245,6 +245,39 @@ TEST_F(RedisBus, LosesNothingWhenTheDiskIsFull) {
   EXPECT_EQ(there, done);
 }
 
+TEST_F(RedisBus, TellsWhatItsEngineHasLostInTheMiddle) {
+  const RedisServer redis;
+  const auto a = connectTo({redis.url(), {}, {}});
+  ASSERT_EQ(append(*a, 0, {"one", "two", "three"}).kind, Kind::kDone);
+  redis.command({"XDEL", "ridgecast:log:log", "2-0"});
+  for (const auto& [after, entry] : {std::pair(0, Entry{1, "one"}), std::pair(1, Entry{2, ""}), std::pair(2, Entry{3, "three"})}) {
+    const Answer<Outcome<std::vector<Entry>>> page;
+    a->read("log", static_cast<std::uint64_t>(after), 1 << 20, page.take());
+    ASSERT_TRUE(awaitSoon([&] { return page.has(); }));
+    ASSERT_TRUE(page.get());
+    EXPECT_THAT(*page.get(), testing::ElementsAre(entry)) << after;
+  }
+}
+
+// Edits without end leave room for what sessions need to go on.
+TEST_F(RedisBus, KeepsRoomForSmallRecords) {
+  const RedisServer redis({"--maxmemory", "8mb"});
+  const auto a = connectTo({redis.url(), {}, {}});
+  const std::string entry(20'000, 'x');
+  Appended appended;
+  ASSERT_TRUE(awaitSoon([&] {
+    for (int k = 0; k < 5 && appended.kind == Kind::kDone; ++k) appended = append(*a, appended.last, {entry});
+    return appended.kind != Kind::kDone;
+  }));
+  EXPECT_EQ(appended.kind, Kind::kFull);
+  EXPECT_GT(appended.last, 100u);
+  EXPECT_THAT(appended.why, HasSubstr("less than a sixteenth of its memory is left"));
+  for (int k = 0; k < 50; ++k) ASSERT_TRUE(hold(*a, "key" + std::to_string(k), std::string(300, 'v'), 0)) << k;
+  EXPECT_FALSE(hold(*a, "mesh", std::string(100'000, 'v'), 0));
+  redis.command({"CONFIG", "SET", "maxmemory", "16mb"});
+  EXPECT_TRUE(awaitSoon([&] { return append(*a, appended.last, {entry}).kind == Kind::kDone; }));
+}
+
 // Of a snapshot that Redis cannot write, as with `save` set: it refuses all writes.
 TEST_F(RedisBus, IsFullWhenTheEngineCannotSave) {
   const RedisServer redis({"--save", "3600 1", "--dbfilename", "dump"});
