@@ -153,6 +153,14 @@ void untilEnded(net::Server& server, const sigset_t& signals) {
   }
 }
 
+void endWithInput() {
+  std::thread([] {
+    char read[256];
+    while (::read(STDIN_FILENO, read, sizeof read) > 0) continue;
+    ::kill(::getpid(), SIGTERM);
+  }).detach();
+}
+
 // Ends the process, with a sentence in the log, if it still lives after this time. Edits that were acknowledged are on the disk by then.
 class Deadline {
  public:
@@ -341,6 +349,7 @@ int serveBySettings(const config::Config& config, const BeginServing& begin) {
   for (const int signal : {SIGTERM, SIGHUP, SIGUSR1, SIGUSR2}) sigaddset(&signals, signal);
   pthread_sigmask(SIG_BLOCK, &signals, nullptr);
   std::signal(SIGPIPE, SIG_IGN);
+  if (config.endsWithInput) endWithInput();
   try {
     return serve(config, signals, begin);
   } catch (const std::exception& e) {

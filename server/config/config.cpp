@@ -104,6 +104,8 @@ void addListening(CLI::App& app, Written& w) {
       ->capture_default_str();
   app.add_option("--admin-host", c.net.adminHost, "Address of the admin port; default: that of --host");
   app.add_option("--port-file", c.portFile, "Write the port to this file once the server listens")->type_name("FILE");
+  app.add_flag("--end-with-input", c.endsWithInput,
+               "End, as on SIGTERM, when the standard input ends: a program that holds the other end of that pipe leaves no server behind");
   app.add_option("--web-dir", c.webFolder, "Folder of the browser viewer; default: the one installed or built with this program")
       ->type_name("DIR");
   addNumber(app, "--threads", c.threads, "Threads for meshes; 0: one for each core", 0, 1024);

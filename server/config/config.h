@@ -30,6 +30,7 @@ struct Config {
   bool watch = false;               // sessions follow their terrain files
   unsigned threads = 0;             // 0: as many as the hardware has
   std::filesystem::path portFile;   // empty: none
+  bool endsWithInput = false;       // when the standard input ends
   std::filesystem::path webFolder;  // of the browser viewer; empty: the one beside the program, if any
   logging::Format logFormat = logging::Format::kText;
   logging::Level logLevel = logging::Level::kInfo;

@@ -122,9 +122,17 @@ def struct(name: str, /, **values: Any) -> Any:
         raise _errors.Invalid(str(e)) from None
 
 
+def real(array: ArrayLike, what: str) -> NDArray[np.float64]:
+    """float64; copied only if it is not that already."""
+    out = np.asarray(array)
+    if out.dtype.kind not in "biuf":
+        raise _errors.Invalid(f"{what} are real numbers, not {out.dtype}")
+    return out.astype(np.float64, copy=False)
+
+
 def places(array: ArrayLike, last: int, what: str) -> NDArray[np.float64]:
     """float64, contiguous, of shape (..., last); copied only if it is not that already."""
-    out = np.ascontiguousarray(array, dtype=np.float64)
+    out = np.ascontiguousarray(real(array, what))
     if out.ndim == 0 or out.shape[-1] != last:
         raise _errors.Invalid(f"{what} are an array of shape (..., {last}), not {out.shape}")
     return out

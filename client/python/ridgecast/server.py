@@ -22,14 +22,15 @@ def program(required: bool = True) -> Optional[str]:
 
 
 class Server:
-    """A server that runs until `close`; a context manager. `url` is for `join`, `http` for a browser and curl."""
+    """A server that runs until `close`, or until this process ends; a context manager. `url` is for `join`, `http` for a browser and curl."""
 
     def __init__(self, arguments: List[str], timeout: float) -> None:
         self._folder = tempfile.TemporaryDirectory(prefix="ridgecast-")
         port, log = Path(self._folder.name) / "port", Path(self._folder.name) / "log"
         with open(log, "wb") as out:
-            self._process = subprocess.Popen([str(program()), "--port-file", str(port), *arguments], stdin=subprocess.DEVNULL, stdout=out,
-                                             stderr=subprocess.STDOUT, start_new_session=True)  # Ctrl-C is not for it
+            # The system closes its input when this process ends, whatever ends it. Ctrl-C is not for it.
+            self._process = subprocess.Popen([str(program()), "--port-file", str(port), "--end-with-input", *arguments],
+                                             stdin=subprocess.PIPE, stdout=out, stderr=subprocess.STDOUT, start_new_session=True)
         self._at_exit = weakref.finalize(self, _end, self._process, os.getpid())  # also when Python ends
         try:
             until = time.monotonic() + timeout
@@ -65,6 +66,8 @@ def _end(process: "subprocess.Popen[bytes]", parent: int) -> None:
     except subprocess.TimeoutExpired:
         process.kill()
         process.wait()
+    if process.stdin:
+        process.stdin.close()
 
 
 def server(terrain: str = "alpine", *, seed: int = 1, port: int = 0, timeout: float = 60.0, **options: Any) -> Server:

@@ -1,5 +1,6 @@
 """Ground under bodies that move."""
 
+import threading
 from dataclasses import dataclass
 from typing import Any, Dict, List, Tuple
 
@@ -26,7 +27,7 @@ class Tile:
 
 
 class Standing:
-    """Tiles of heights that follow bodies; made by `standing` of a terrain or world. One thread at a time.
+    """Tiles of heights that follow bodies; made by `standing` of a terrain or world. A context manager. Threads that call it take turns.
 
     A background thread makes the ground ahead of the bodies, the nearest first, so that no step waits.
     That is slow where it has to ask a server for heights: keep the spacing wide and the radius small.
@@ -42,11 +43,18 @@ class Standing:
             lib.rc_standing_close(standing)
 
         self._handle = owned(out[0], close)
+        self._lock = threading.Lock()
         self.tiles: Dict[Tuple[int, int], Tile] = {}  #: by (i, j), as of the last `changes`
 
     def close(self) -> None:
-        """Stops making ground, as soon as no call is under way. Tiles that were taken stay valid."""
+        """Stops making ground, as soon as no call is under way; a world that is closed does so, too. Tiles that were taken stay valid."""
         self._handle = ffi.NULL
+
+    def __enter__(self) -> "Standing":
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
 
     @property
     def _standing(self) -> Any:
@@ -55,12 +63,18 @@ class Standing:
     def move(self, xz: ArrayLike) -> None:
         """Call once a step: where all bodies are, (n, 2), in the same order each time. Never waits for heights."""
         at = places(xz, 2, "places").reshape(-1, 2)
-        check(lib.rc_standing_move(self._standing, doubles(at), len(at)))
+        with self._lock:
+            check(lib.rc_standing_move(self._standing, doubles(at), len(at)))
 
     def wait(self, timeout: float = 10.0) -> None:
         """Waits until the ground around all bodies is there, with all edits that this member has made or been told of: call it at the
         beginning, and after an edit, or moving a body elsewhere at once."""
-        in_slices(lambda slice: check(lib.rc_standing_wait(self._standing, slice)), timeout)
+
+        def wait(slice: float) -> None:
+            with self._lock:
+                check(lib.rc_standing_wait(self._standing, slice))
+
+        in_slices(wait, timeout)
 
     def changes(self) -> Tuple[List[Tile], List[Tile]]:
         """The tiles that went and those that came since the last call. A tile whose ground an edit has changed is in both."""
@@ -69,15 +83,16 @@ class Standing:
         count, room = ffi.new("size_t*"), 256
         out = ffi.new("rc_tile[]", room)
         out[0].size = ffi.sizeof("rc_tile")
-        while True:
-            check(lib.rc_standing_changes(self._standing, out, room, count))
-            for tile in (out[k] for k in range(min(room, count[0]))):
-                if tile.gone:
-                    gone.append(self.tiles.pop((tile.i, tile.j)))
-                    continue
-                heights = np.frombuffer(ffi.buffer(tile.heights, 33 * 33 * 4), np.float32).reshape(33, 33).copy()
-                heights.flags.writeable = False
-                came.append(Tile(tile.i, tile.j, tile.version, tile.x, tile.z, tile.spacing, tile.error, heights, tile.edit))
-                self.tiles[tile.i, tile.j] = came[-1]
-            if count[0] <= room:
-                return gone, came
+        with self._lock:  # whose heights last until the next call
+            while True:
+                check(lib.rc_standing_changes(self._standing, out, room, count))
+                for tile in (out[k] for k in range(min(room, count[0]))):
+                    if tile.gone:
+                        gone.append(self.tiles.pop((tile.i, tile.j)))
+                        continue
+                    heights = np.frombuffer(ffi.buffer(tile.heights, 33 * 33 * 4), np.float32).reshape(33, 33).copy()
+                    heights.flags.writeable = False
+                    came.append(Tile(tile.i, tile.j, tile.version, tile.x, tile.z, tile.spacing, tile.error, heights, tile.edit))
+                    self.tiles[tile.i, tile.j] = came[-1]
+                if count[0] <= room:
+                    return gone, came

@@ -8,9 +8,12 @@ from dataclasses import dataclass
 from typing import Any, Callable, List, Mapping, Optional, Tuple
 from urllib.parse import quote
 
+import numpy as np
+
 from ._errors import Invalid
 from ._library import check, ffi, in_slices, interruptible, lib, owned, struct, text, usable
 from .mesh import Mesh, take
+from .standing import Standing
 from .terrain import Questions
 
 
@@ -152,6 +155,7 @@ class World(Questions):
 
     def __init__(self, handle: Any) -> None:
         self._open = handle
+        self._standings: "weakref.WeakSet[Standing]" = weakref.WeakSet()
         self._last = struct("rc_iteration")  # the one that came last
         info = self._info()
         self.session: str = ffi.string(info.session).decode()
@@ -170,8 +174,14 @@ class World(Questions):
         handle = self._handle
         return ffi.gc(lib.rc_world_terrain(handle), lambda _, handle=handle: None)  # keeps the world alive
 
-    def _call(self, call: Callable[[], Any]) -> None:
-        check(call()) if self.is_local else interruptible(call)
+    def _call(self, count: int, call: Callable[[int, int], Any]) -> None:
+        if self.is_local:
+            super()._call(count, call)
+        else:
+            interruptible(lambda: call(0, count))
+
+    def _stand(self, ground: Standing) -> None:
+        self._standings.add(ground)
 
     def _info(self) -> Any:
         out = struct("rc_world_info")
@@ -231,7 +241,7 @@ class World(Questions):
         op: raise, lower, crater, level, smooth, road, stamp or undo, with their fields in metres (PROTOCOL.md, Edits). Then it is kept, and
         heights and meshes know it. key: an edit that is sent again with it is made once. Raises Refused, with the server's sentence.
         """
-        operation = json.dumps({"op": op, **fields}).encode()
+        operation = json.dumps({"op": op, **fields}, default=_plain).encode()
         name = (key or uuid.uuid4().hex).encode()
         out = ffi.new("uint64_t*")
         in_slices(lambda slice: check(lib.rc_world_edit(self._handle, operation, name, slice, out)), timeout)
@@ -306,8 +316,10 @@ class World(Questions):
             room = 2 * count[0]
 
     def close(self) -> None:
-        """Leaves the session as soon as no call on another thread is under way and no Standing uses it. Meshes and tiles that were taken
-        stay valid."""
+        """Closes the ground of `standing`, and leaves the session as soon as no call on another thread is under way. Meshes and tiles that
+        were taken stay valid."""
+        for ground in self._standings:
+            ground.close()
         self._open = ffi.NULL
 
     def __enter__(self) -> "World":
@@ -318,6 +330,13 @@ class World(Questions):
 
     def __repr__(self) -> str:
         return f"<ridgecast.World {self.session}: {self.terrain}, seed {self.seed}>"
+
+
+def _plain(value: Any) -> Any:
+    """What JSON has for a number or array of numpy."""
+    if isinstance(value, (np.generic, np.ndarray)):
+        return value.tolist()
+    raise Invalid(f"an edit's fields are numbers, strings and lists, not {type(value).__name__}")
 
 
 def join(url: str = "ws://127.0.0.1:7070", *, session: Optional[str] = None, terrain: Optional[str] = None, seed: Optional[int] = None,

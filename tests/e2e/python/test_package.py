@@ -1,7 +1,9 @@
 """The package as it is installed, against the wheel's own server."""
 
+import copy
 import json
 import os
+import pickle
 import signal
 import subprocess
 import sys
@@ -73,6 +75,67 @@ class TerrainTest(unittest.TestCase):
         np.testing.assert_allclose(canyon.heights(hits.at[:, [0, 2]]), hits.at[:, 1], atol=0.5)  # walls are steep
         self.assertEqual(canyon.rays([0, 4000, 0], [0, 1, 0]).distance, np.inf)
 
+    def test_what_is_no_real_number_is_refused(self) -> None:
+        alpine = rc.Terrain("alpine")
+        for wrong in (1j, np.array([[1, 2j]]), "ab", [["1", "2"]], None, [object(), object()]):
+            with self.assertRaises(rc.Invalid):
+                alpine.heights(wrong)
+            with self.assertRaises(rc.Invalid):
+                alpine.rays([0, 9000, 0], [0, -1, 0], reach=wrong)
+        with self.assertRaises(rc.Invalid):
+            alpine.rays(np.zeros((3, 3)), [0, -1, 0], reach=[1, 2])
+        hits = alpine.rays([[0, 9000, 0]] * 2, [0, -1, 0], reach=[10, 10_000])
+        np.testing.assert_array_equal(np.isinf(hits.distance), [True, False])
+
+    def test_terrains_are_values(self) -> None:
+        here = rc.Terrain("alpine", seed=3, parameters={"snowLine": 1500.5})
+        for other in (pickle.loads(pickle.dumps(here)), copy.copy(here), copy.deepcopy(here)):
+            self.assertEqual((other, hash(other), other.seed, other.parameters), (here, hash(here), 3, {"snowLine": 1500.5}))
+        self.assertNotEqual(here, rc.Terrain("alpine", seed=4))
+        self.assertNotEqual(here, "alpine")
+        self.assertRegex(repr(here), r"alpine, seed 3, snowLine=1500\.5, hash [0-9a-f]{16}")
+
+    def test_ctrl_c_ends_a_long_question(self) -> None:
+        alpine, at = rc.Terrain("alpine"), np.zeros((8_000_000, 2))
+        began = time.monotonic()
+        alpine.heights(at)
+        whole = time.monotonic() - began
+
+        def interrupt(number: int, frame: object) -> None:
+            raise KeyboardInterrupt
+
+        before = signal.signal(signal.SIGALRM, interrupt)
+        self.addCleanup(signal.signal, signal.SIGALRM, before)
+        signal.setitimer(signal.ITIMER_REAL, 0.05 * whole)
+        began = time.monotonic()
+        with self.assertRaises(KeyboardInterrupt):
+            alpine.heights(at)
+        self.assertLess(time.monotonic() - began, 0.75 * whole)
+
+    def test_threads_take_turns_at_the_ground_under_bodies(self) -> None:
+        with rc.Terrain("alpine").standing(radius=20) as ground:
+            over = threading.Event()
+
+            def walk(turn: int) -> None:
+                k = 0
+                while not over.is_set():
+                    k += 1
+                    ground.move(np.full((3, 2), 10.0 * turn * k))
+                    ground.changes()
+
+            threads = [threading.Thread(target=walk, args=(turn,)) for turn in (1, -1, 2)]
+            for thread in threads:
+                thread.start()
+            time.sleep(1)
+            over.set()
+            for thread in threads:
+                thread.join()
+            ground.wait(60)
+            ground.changes()
+            self.assertTrue(ground.tiles)
+        with self.assertRaisesRegex(rc.Invalid, "closed"):
+            ground.changes()
+
     def test_threads_share_a_terrain(self) -> None:
         alpine, at = rc.Terrain("alpine"), places(50_000)
         expected, wrong = alpine.heights(at), []
@@ -138,6 +201,25 @@ class TerrainTest(unittest.TestCase):
             ground.move([[0, 0], [np.nan, 0]])
 
 
+class ServerTest(unittest.TestCase):
+    def test_a_server_ends_with_its_program(self) -> None:
+        for end in ("os._exit(3)", "os.kill(os.getpid(), signal.SIGKILL)", "os.kill(os.getpid(), signal.SIGTERM)", "os.abort()"):
+            program = "import os, signal, ridgecast as rc\ns = rc.server()\nprint(s.port, flush=True)\n" + end
+            port = int(subprocess.run([sys.executable, "-c", program], capture_output=True, cwd="/").stdout)
+            until = time.monotonic() + 60
+
+            def answers() -> bool:
+                try:
+                    urllib.request.urlopen(f"http://127.0.0.1:{port}/healthz", timeout=5).close()
+                    return True
+                except OSError:
+                    return False
+
+            while answers() and time.monotonic() < until:
+                time.sleep(0.05)
+            self.assertFalse(answers(), end)
+
+
 class WorldTest(unittest.TestCase):
     server: rc.Server
 
@@ -167,9 +249,7 @@ class WorldTest(unittest.TestCase):
             tile = ground.tiles[3, 3]
             self.assertEqual(tile.heights[4, 4], world.height(100, 100))
             clock = world.clock
-        ground.move([[500, 500]])
-        ground.wait(60)  # the world is left when nothing stands on it
-        ground.close()
+        np.testing.assert_array_equal(ground.tiles[3, 3].heights, tile.heights)
         for use in (lambda: world.height(0, 0), lambda: world.members, lambda: ground.move([[0, 0]]), lambda: clock.time, world.receive,
                     world.standing):
             self.assertRaises(rc.Invalid, use)
@@ -210,6 +290,25 @@ class WorldTest(unittest.TestCase):
             self.assertEqual(float(world.heights([[30, 40]])[0]), before)
             with self.assertRaisesRegex(rc.Refused, "depth"):
                 world.edit("crater", x=30, z=40, radius=8)
+            self.assertEqual(world.edit("crater", x=np.float32(30), z=np.int64(40), radius=np.float64(8), depth=np.float32(3)), 3)
+            self.assertEqual(world.edit("road", line=np.array([[0, 0], [20, 5]]), width=np.array(4.0)), 4)
+            with self.assertRaisesRegex(rc.Invalid, "complex"):
+                world.edit("crater", x=1j, z=40, radius=8, depth=3)
+
+    def test_a_world_that_is_closed_takes_its_ground_along(self) -> None:
+        with rc.join(self.server.url + "?session=steps&terrain=alpine", clock="stepped") as owner:
+            follower = rc.join(self.server.url + "?session=steps", follow=True)
+            ground = follower.standing()
+            ground.move([[0, 0]])
+            follower.close()
+            until = time.monotonic() + 60
+            while owner.others and time.monotonic() < until:
+                owner.place(0, 1000, 0)
+                time.sleep(0.01)
+            self.assertEqual(owner.others, 0)
+            owner.clock.step(0.1, timeout=60)
+            with self.assertRaisesRegex(rc.Invalid, "closed"):
+                ground.move([[0, 0]])
 
     def test_ground_under_bodies_follows_edits(self) -> None:
         with tempfile.TemporaryDirectory() as folder:
