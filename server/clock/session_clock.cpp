@@ -151,6 +151,16 @@ std::uint64_t SessionClock::time() const {
   return shared_ ? shared_->time(sharedNow()) : clock_.time(timer_.now());
 }
 
+std::set<std::uint64_t> SessionClock::waitsFor() const {
+  const Lock lock(mutex_);
+  return clock_.waitsFor();
+}
+
+bool SessionClock::follows(std::uint64_t member) const {
+  const Lock lock(mutex_);
+  return clock_.all().followers.contains(member);
+}
+
 wire::Clock SessionClock::now() const { return shared_ ? shared_->state(sharedNow()) : clock_.state(timer_.now()); }
 
 void SessionClock::watchStep() {

@@ -24,6 +24,7 @@
 #include <memory>
 #include <mutex>
 #include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -84,7 +85,9 @@ class SessionClock : public std::enable_shared_from_this<SessionClock> {
   // What it says is the clock of all servers, or they cannot be reached.
   bool isCurrent() const;
   wire::Clock state() const;
-  std::uint64_t time() const;  // microseconds
+  std::uint64_t time() const;                // microseconds
+  std::set<std::uint64_t> waitsFor() const;  // of one server's clock: members that are not done with the step
+  bool follows(std::uint64_t member) const;  // of one server's clock: the next step waits for it
 
  private:
   struct Entry {

@@ -140,10 +140,15 @@ void CameraSession::receive(wire::ClientMessage message) {
 }
 
 CameraSession::Refusal CameraSession::attend(const wire::ClockStep& step) {
-  const clock::Clock::Stepped stepped = session_->clock().step(id_, step);
+  const clock::Clock::Stepped stepped = session_->presence().step(id_, step);
   std::string why = clock::sentenceOf(stepped);  // of kNotYours none: that is answered with the clock, which names its owner
   if (why.empty()) return {};
   return ErrorMessage{stepped == clock::Clock::Stepped::kTooMany ? ErrorCode::kLimit : ErrorCode::kInvalid, std::move(why)};
+}
+
+CameraSession::Refusal CameraSession::attend(const wire::StepDone& done) {
+  session_->presence().done(id_, done);
+  return {};
 }
 
 CameraSession::Refusal CameraSession::attend(wire::Query& query) {

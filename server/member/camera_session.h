@@ -66,6 +66,7 @@ class CameraSession final : public session::LiveCamera, public std::enable_share
 
   // Under the lock: messages that others answer.
   Refusal attend(const wire::ClockStep& step);
+  Refusal attend(const wire::StepDone& done);
   Refusal attend(wire::Query& query);
   Refusal attend(const wire::AskGround& ask);
   Refusal attend(const wire::Edit& edit);

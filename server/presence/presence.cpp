@@ -120,15 +120,39 @@ std::chrono::milliseconds Presence::pauseOf(const Entry& entry) const {
   return crowd_.size() <= kFew || tellsAll(entry) ? kMinPause : kPauseOfMany;
 }
 
-void Presence::notify(Entry& entry) {
+clock::Clock::Stepped Presence::step(std::uint64_t camera, const wire::ClockStep& step) {
+  if (bus_) return clock_->step(camera, step);
+  const std::lock_guard lock(mutex_);
+  if (clock_->waitsFor().empty()) tellStep();
+  return clock_->step(camera, step);
+}
+
+void Presence::done(std::uint64_t camera, const wire::StepDone& done) {
+  if (bus_) return clock_->receive(camera, done);
+  const std::lock_guard lock(mutex_);
+  if (clock_->waitsFor() == std::set{camera}) tellStep();
+  clock_->receive(camera, done);
+}
+
+void Presence::tellStep() {
+  const std::uint64_t owner = clock_->state().owner;
+  for (auto& [camera, entry] : entries_) {
+    if (!entry.wantsMembers || (camera != owner && !clock_->follows(camera))) continue;
+    if (entry.due) due_.erase({*std::exchange(entry.due, std::nullopt), camera});
+    notify(entry, true);
+  }
+}
+
+// `isForStep`: at once, for the clock waits for whoever reads slowly.
+void Presence::notify(Entry& entry, bool isForStep) {
   const Timer::Time now = timer_.now();
   const bool all = tellsAll(entry);
   const auto pause = pauseOf(entry);
   std::uint64_t rate = entry.bytesPerSecond;
   if (!all) rate = std::min(rate == 0 ? kBytesPerSecond : rate, kBytesPerSecond);
   entry.budget.setRate(rate);
-  if (!entry.waiting.expired()) return schedule(entry, now + kMinPause);
-  if (entry.budget.limits() && entry.budget.free() > now) return schedule(entry, entry.budget.free());
+  if (!isForStep && !entry.waiting.expired()) return schedule(entry, now + kMinPause);
+  if (!isForStep && entry.budget.limits() && entry.budget.free() > now) return schedule(entry, entry.budget.free());
   const std::size_t measure = rate * static_cast<std::uint64_t>(pause.count()) / 1000;
   if (const auto parts = entry.news.next(crowd_, *entry.who, {all, measure, crowdPart()}, now)) {
     auto bytes = std::make_shared<const std::string>(wire::encodeMembers(*parts));

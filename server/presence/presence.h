@@ -9,6 +9,9 @@
 // | kFew at most           | everybody; near ones often, within kBytesPerSecond                            | 20                         |
 // | more                   | near ones often, others seldom, within kBytesPerSecond; everybody if the clock is stepped | 10             |
 //
+// In a stepped session of one server, the owner and those who follow the clock are told what they are told often before a step begins, and
+// again before it is said to be done: what they then read is of that step. Until they have it, no further step begins.
+//
 // Many members are told in turns: one turn holds the lock for about kTurn, and turns take at most half of the time.
 //
 // Over servers: each tells the others on a channel what its own members are and where, those that have changed 20 times a second and each
@@ -66,6 +69,9 @@ class Presence : public std::enable_shared_from_this<Presence> {
             std::optional<wire::World> world = {});
   void receive(std::uint64_t camera, const wire::PoseMessage& pose);  // unknown cameras are ignored, here and below
   void leave(std::uint64_t camera);
+  // As the clock's, in its order among what is told of members.
+  clock::Clock::Stepped step(std::uint64_t camera, const wire::ClockStep& step);
+  void done(std::uint64_t camera, const wire::StepDone& done);
   void setBudget(std::uint64_t camera, std::uint64_t bytesPerSecond);  // 0: none
   // About the bytes of the member's notifications since the last call.
   std::size_t takeBytes(std::uint64_t camera);
@@ -102,7 +108,8 @@ class Presence : public std::enable_shared_from_this<Presence> {
   void notifyMembers();
   bool tellsAll(const Entry& entry) const;
   std::chrono::milliseconds pauseOf(const Entry& entry) const;
-  void notify(Entry& entry);
+  void notify(Entry& entry, bool isForStep = false);
+  void tellStep();
   void schedule(Entry& entry, Timer::Time due);
   const CrowdPart& crowdPart();
   void remove(std::uint64_t camera);

@@ -205,7 +205,7 @@ class World(Questions):
     @property
     def members(self) -> List[Member]:
         """The other members near this one: the 64 nearest and a few more. The 24 nearest are up to date to a tenth of a second, the others
-        to a second or a few. Everybody, if the session has at most 65 members or this one joined with everybody=True.
+        to a second or a few. For the owner of a stepped clock and those who follow it they are as of the step. Everybody, if the session has at most 65 members or this one joined with everybody=True.
         """
         def member(m: Any) -> Member:
             return Member(m.member, ffi.string(m.name).decode(errors="replace"), bool(m.sensor), (m.x, m.y, m.z) if m.has_pose else None,

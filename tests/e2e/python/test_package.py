@@ -1,5 +1,6 @@
 """The package as it is installed, against the wheel's own server."""
 
+import contextlib
 import copy
 import json
 import os
@@ -411,6 +412,34 @@ class WorldTest(unittest.TestCase):
         while self.members(session) != count and time.monotonic() < until:
             time.sleep(0.02)
         self.assertEqual(self.members(session), count)
+
+    def test_what_is_read_after_a_step_is_of_that_step(self) -> None:
+        url, steps = self.server.url + "?session=alike&terrain=alpine", 300
+        with rc.join(url, clock="stepped", name="owner") as owner:
+            followers = [rc.join(url, follow=True, sensor=True, name=f"follower-{k}") for k in range(8)]
+            old = []
+
+            def run(world: rc.World) -> None:
+                for step in range(1, steps + 1):
+                    world.clock.next(60)
+                    old.extend((step, m) for m in world.members if step > 1 and m.name != "owner" and m.state != str(step - 1).encode())
+                    world.place(0, 1000 + step, 0, state=str(step).encode())
+                with contextlib.suppress(rc.Error):  # it is closed
+                    world.clock.next(60)
+
+            threads = [threading.Thread(target=run, args=(world,)) for world in followers]
+            for thread in threads:
+                thread.start()
+            for step in range(1, steps + 1):
+                owner.clock.step(0.01, timeout=60)
+                members = owner.members
+                self.assertEqual(len(members), 8)
+                old.extend((step, m) for m in members if m.state != str(step).encode())
+            self.assertEqual(old[:3], [], len(old))
+            for world in followers:
+                world.close()
+            for thread in threads:
+                thread.join()
 
     def test_a_world_that_is_forgotten_is_left(self) -> None:
         worlds = [rc.join(self.server.url, session="forgotten", terrain="alpine", sensor=True) for _ in range(3)]

@@ -226,6 +226,28 @@ TEST_F(PresenceTest, TimeGoesBackInRecordingsAlone) {
   for (std::size_t k = 1; k < owner->clocks.size(); ++k) EXPECT_GE(owner->clocks[k].time, owner->clocks[k - 1].time);
 }
 
+// However fast steps follow each other, what is read after one is of that one, and by a member that has not read the last, too.
+TEST_F(PresenceTest, WhatHasChangedIsToldBeforeAStepBeginsAndBeforeItIsDone) {
+  const auto owner = join(1), follower = join(2), other = join(3, "onlooker", true, false);
+  clock->receive(1, wire::SetClock{true, wire::ClockMode::kStepped, 1});
+  ASSERT_TRUE(owner->wait([](const Listener& l) { return l.table.size() == 2; }));
+  ASSERT_TRUE(follower->wait([](const Listener& l) { return l.table.size() == 2; }));
+  for (std::uint64_t k = 1; k <= 200; ++k) {
+    follower->reads = k % 3 != 0;
+    presence->receive(1, pose(k, 2.0 * static_cast<double>(k)));
+    EXPECT_EQ(presence->step(1, {20'000, true}), clock::Clock::Stepped::kBegins);
+    EXPECT_EQ(follower->table[1].moved->pose.sequence, k) << "before it begins";
+    presence->receive(2, pose(k));
+    presence->done(1, {k});
+    EXPECT_EQ(clock->waitsFor(), std::set<std::uint64_t>{2});
+    presence->done(2, {k});
+    EXPECT_EQ(owner->table[2].moved->pose.sequence, k) << "before it is done";
+    EXPECT_TRUE(clock->waitsFor().empty());
+  }
+  EXPECT_LT(other->messages(), 100u) << "whom no step waits for is told as ever";
+  for (const auto& l : {owner, follower, other}) EXPECT_EQ(l->complaint, "");
+}
+
 TEST_F(PresenceTest, StepsMergeForAMemberThatDoesNotReadAndOnesThatWaitArrive) {
   join(1, "owner");
   const auto slow = join(2, "slow", false);
