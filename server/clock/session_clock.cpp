@@ -151,14 +151,24 @@ std::uint64_t SessionClock::time() const {
   return shared_ ? shared_->time(sharedNow()) : clock_.time(timer_.now());
 }
 
-std::set<std::uint64_t> SessionClock::waitsFor() const {
+std::set<std::uint64_t> SessionClock::endsStep(std::uint64_t camera, std::uint64_t step) const {
   const Lock lock(mutex_);
-  return clock_.waitsFor();
+  const Clock::State& all = clock_.all();
+  const bool ends = !shared_ && all.step == step && all.waitsFor == std::set{camera};
+  return ends ? listeners() : std::set<std::uint64_t>();
 }
 
-bool SessionClock::follows(std::uint64_t member) const {
+std::set<std::uint64_t> SessionClock::beginsStep(std::uint64_t camera) const {
   const Lock lock(mutex_);
-  return clock_.all().followers.contains(member);
+  const Clock::State& all = clock_.all();
+  const bool begins = !shared_ && all.mode == wire::ClockMode::kStepped && all.owner == camera && all.waitsFor.empty();
+  return begins ? listeners() : std::set<std::uint64_t>();
+}
+
+std::set<std::uint64_t> SessionClock::listeners() const {
+  std::set<std::uint64_t> all = clock_.all().followers;
+  if (clock_.owner() != 0) all.insert(clock_.owner());
+  return all;
 }
 
 wire::Clock SessionClock::now() const { return shared_ ? shared_->state(sharedNow()) : clock_.state(timer_.now()); }

@@ -85,9 +85,12 @@ class SessionClock : public std::enable_shared_from_this<SessionClock> {
   // What it says is the clock of all servers, or they cannot be reached.
   bool isCurrent() const;
   wire::Clock state() const;
-  std::uint64_t time() const;                // microseconds
-  std::set<std::uint64_t> waitsFor() const;  // of one server's clock: members that are not done with the step
-  bool follows(std::uint64_t member) const;  // of one server's clock: the next step waits for it
+  std::uint64_t time() const;  // microseconds
+  // Of one server's clock, which is stepped: its followers and its owner, if this is the newest step and waits for nobody but this member.
+  // Empty otherwise.
+  std::set<std::uint64_t> endsStep(std::uint64_t camera, std::uint64_t step) const;
+  // The same, if this owner's next step begins at once.
+  std::set<std::uint64_t> beginsStep(std::uint64_t camera) const;
 
  private:
   struct Entry {
@@ -102,6 +105,7 @@ class SessionClock : public std::enable_shared_from_this<SessionClock> {
   void end(bool forgets);
   bool refuses(Entry& entry);  // the engine is away, and the member is told; under the lock, as all below
   wire::Clock now() const;
+  std::set<std::uint64_t> listeners() const;
   void changed();
   void note() const;
   void notify();

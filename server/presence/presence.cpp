@@ -12,8 +12,6 @@ namespace ridgecast::presence {
 
 namespace {
 
-std::shared_ptr<const void> ticket() { return std::make_shared<char>(); }
-
 constexpr std::size_t kMostCells = 512;         // told of a crowd
 constexpr std::size_t kGoneAtOnce = 64;         // silent members that go at a time
 constexpr std::chrono::seconds kCrowdPause{2};  // between two other crowds
@@ -83,9 +81,14 @@ void Presence::membersChanged() {
       it->second.isIdle = false;
       schedule(it->second, it->second.notified + pauseOf(it->second));
     }
+  setAlarm(timer_.now());
+}
+
+// At the first that is due, but not before this time.
+void Presence::setAlarm(Timer::Time earliest) {
   if (due_.empty()) return;
-  const Timer::Time now = timer_.now();
-  membersAlarm_.set(timer_, std::clamp(due_.begin()->first, now, now + kMinPause), weak_from_this(), mutex_, &Presence::notifyMembers);
+  const Timer::Time latest = std::max(earliest, timer_.now() + kMinPause);
+  membersAlarm_.set(timer_, std::clamp(due_.begin()->first, earliest, latest), weak_from_this(), mutex_, &Presence::notifyMembers);
 }
 
 // Then, or as early as before.
@@ -107,9 +110,7 @@ void Presence::notifyMembers() {
     notify(entry);
     now = timer_.now();
   }
-  if (due_.empty()) return;
-  const Timer::Time next = std::max(due_.begin()->first, now + (now - began));
-  membersAlarm_.set(timer_, std::min(next, now + kMinPause), weak_from_this(), mutex_, &Presence::notifyMembers);
+  setAlarm(std::min(now + (now - began), now + kMinPause));
 }
 
 bool Presence::tellsAll(const Entry& entry) const {
@@ -123,27 +124,29 @@ std::chrono::milliseconds Presence::pauseOf(const Entry& entry) const {
 clock::Clock::Stepped Presence::step(std::uint64_t camera, const wire::ClockStep& step) {
   if (bus_) return clock_->step(camera, step);
   const std::lock_guard lock(mutex_);
-  if (clock_->waitsFor().empty()) tellStep();
+  tellForStep(clock_->beginsStep(camera));
   return clock_->step(camera, step);
 }
 
 void Presence::done(std::uint64_t camera, const wire::StepDone& done) {
   if (bus_) return clock_->receive(camera, done);
   const std::lock_guard lock(mutex_);
-  if (clock_->waitsFor() == std::set{camera}) tellStep();
+  tellForStep(clock_->endsStep(camera, done.step));
   clock_->receive(camera, done);
 }
 
-void Presence::tellStep() {
-  const std::uint64_t owner = clock_->state().owner;
-  for (auto& [camera, entry] : entries_) {
-    if (!entry.wantsMembers || (camera != owner && !clock_->follows(camera))) continue;
+void Presence::tellForStep(const std::set<std::uint64_t>& listeners) {
+  for (const std::uint64_t camera : listeners) {
+    const auto it = entries_.find(camera);
+    if (it == entries_.end() || !it->second.wantsMembers) continue;
+    Entry& entry = it->second;
     if (entry.due) due_.erase({*std::exchange(entry.due, std::nullopt), camera});
     notify(entry, true);
   }
+  setAlarm(timer_.now());
 }
 
-// `isForStep`: at once, for the clock waits for whoever reads slowly.
+// `isForStep`: at once, for no step waits for what is told later.
 void Presence::notify(Entry& entry, bool isForStep) {
   const Timer::Time now = timer_.now();
   const bool all = tellsAll(entry);
@@ -151,16 +154,15 @@ void Presence::notify(Entry& entry, bool isForStep) {
   std::uint64_t rate = entry.bytesPerSecond;
   if (!all) rate = std::min(rate == 0 ? kBytesPerSecond : rate, kBytesPerSecond);
   entry.budget.setRate(rate);
-  if (!isForStep && !entry.waiting.expired()) return schedule(entry, now + kMinPause);
+  if (*entry.queued >= (isForStep ? kMaxQueued : 1)) return schedule(entry, now + kMinPause);
   if (!isForStep && entry.budget.limits() && entry.budget.free() > now) return schedule(entry, entry.budget.free());
   const std::size_t measure = rate * static_cast<std::uint64_t>(pause.count()) / 1000;
   if (const auto parts = entry.news.next(crowd_, *entry.who, {all, measure, crowdPart()}, now)) {
     auto bytes = std::make_shared<const std::string>(wire::encodeMembers(*parts));
     entry.budget.spend(now, bytes->size());
     entry.bytes += bytes->size();
-    const auto held = ticket();
-    entry.waiting = held;
-    entry.sender->sendShared(std::move(bytes), held);
+    ++*entry.queued;
+    entry.sender->sendShared(std::move(bytes), conversation::ticketOf(entry.queued));
   }
   entry.notified = now;
   if (const auto due = entry.news.due(crowd_)) schedule(entry, std::max({*due, now + pause, entry.budget.free()}));

@@ -20,7 +20,9 @@
 // Any thread. Messages are handed to the members' senders under a lock; senders do not call back.
 // Bounds: one entry a member, with what it was told (news.h); kMaxMembers of other servers.
 
+#include <atomic>
 #include <chrono>
+#include <cstddef>
 #include <cstdint>
 #include <map>
 #include <memory>
@@ -50,6 +52,7 @@ inline constexpr std::uint32_t kMaxMembers = 32'768;  // of a session
 class Presence : public std::enable_shared_from_this<Presence> {
  public:
   static constexpr std::size_t kFew = 64;
+  static constexpr std::size_t kMaxQueued = 3;  // messages of a member: one as ever, before a step was done, before the next begins
   static constexpr std::chrono::milliseconds kMinPause{50}, kPauseOfMany{100};
   static constexpr std::uint64_t kBytesPerSecond = 76'000;
   static constexpr std::chrono::seconds kRepeat{1}, kSilence{3};  // members told to other servers
@@ -91,11 +94,11 @@ class Presence : public std::enable_shared_from_this<Presence> {
     std::shared_ptr<Sender> sender;
     bool wantsMembers = false;
     News news;
-    std::optional<Timer::Time> due;     // in due_
-    bool isIdle = false;                // in idle_
-    Timer::Time notified{};             // when it was told last
-    std::weak_ptr<const void> waiting;  // that message, until it has left
-    std::uint64_t bytesPerSecond = 0;   // of its messages; 0: unlimited
+    std::optional<Timer::Time> due;                                                                    // in due_
+    bool isIdle = false;                                                                               // in idle_
+    Timer::Time notified{};                                                                            // when it was told last
+    std::shared_ptr<std::atomic<std::size_t>> queued = std::make_shared<std::atomic<std::size_t>>(0);  // messages that have not left
+    std::uint64_t bytesPerSecond = 0;                                                                  // of its messages; 0: unlimited
     conversation::Budget budget;
     std::size_t bytes = 0;  // not yet taken
     struct {
@@ -109,7 +112,8 @@ class Presence : public std::enable_shared_from_this<Presence> {
   bool tellsAll(const Entry& entry) const;
   std::chrono::milliseconds pauseOf(const Entry& entry) const;
   void notify(Entry& entry, bool isForStep = false);
-  void tellStep();
+  void tellForStep(const std::set<std::uint64_t>& listeners);
+  void setAlarm(Timer::Time earliest);
   void schedule(Entry& entry, Timer::Time due);
   const CrowdPart& crowdPart();
   void remove(std::uint64_t camera);

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "common/edits/author.h"
+#include "server/presence/presence.h"
 #include "tests/support/bytes.h"
 
 namespace ridgecast::simulation {
@@ -153,7 +154,7 @@ void Line::send(wire::ServerMessage message, std::shared_ptr<const void> ticket)
   queuedPages_ += isPage;
   EXPECT_LE(queuedPages_, 1u) << "pages of edits wait for a client that does not read";
   queuedMembers_ += isMembers;
-  EXPECT_LE(queuedMembers_, 1u) << "news of members wait for a client behind others";
+  EXPECT_LE(queuedMembers_, presence::Presence::kMaxQueued) << "news of members wait for a client behind others";
   auto bytes = std::make_shared<const std::string>(wire::encode(message));
   queued_ += bytes->size();
   granted_ = std::holds_alternative<wire::Granted>(message) ? bytes->size() : 0;
