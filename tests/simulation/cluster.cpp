@@ -44,7 +44,7 @@ Cluster::Cluster(std::size_t servers, std::shared_ptr<const terrain::Terrain> te
       log.resize(std::min<std::uint64_t>(log.size(), most_[session]));  // what no server has may be lost
       return log;
     });
-  for (std::size_t k = 0; k < servers; ++k) begin(k);
+  for (std::size_t k = 0; k < servers; ++k) begin(k, 0);
 }
 
 Cluster::~Cluster() = default;
@@ -81,23 +81,21 @@ bool Cluster::isWhole() const {
          std::ranges::all_of(all_, [](const auto& server) { return server->takesMembers(); }) && hasTail();
 }
 
-void Cluster::begin(std::size_t server) {
-  if (all_[server]->start()) return;
-  timer_.at(timer_.now() + 300ms, [this, server] {
-    if (!all_[server]->isUp()) begin(server);
-  });
+void Cluster::begin(std::size_t server, std::uint64_t life) {
+  if (isOver_ || lives_[server] != life || all_[server]->start()) return;
+  timer_.at(timer_.now() + 300ms, [this, server, life] { begin(server, life); });
 }
 
 void Cluster::fall(std::size_t server, bool withPower) {
   Server& its = *all_[server];
-  if (!its.isUp()) return;
+  if (!its.isUp() && !its.isStarting()) return;
   ++met.falls;
   falls_(its);
   its.fall(withPower);
   cut_.erase(server);
   const Duration pause = Server::kCeasing + std::chrono::milliseconds(100 + random_() % 3000);
   away(pause + 500ms);
-  if (!isOver_) timer_.at(timer_.now() + pause, [this, server] { begin(server); });
+  timer_.at(timer_.now() + pause, [this, server, life = ++lives_[server]] { begin(server, life); });
 }
 
 void Cluster::finish() {

@@ -54,7 +54,7 @@ class Cluster {
   void finish();                                                    // none starts again
 
  private:
-  void begin(std::size_t server);
+  void begin(std::size_t server, std::uint64_t life);  // tries until it is there, or falls
   void fall(std::size_t server, bool withPower);
   void upgrade(std::size_t server);  // and the next ones
   void await(std::size_t server);
@@ -76,7 +76,8 @@ class Cluster {
   std::unique_ptr<testing_support::SimulatedEngine> engine_;  // null: one server
   std::unique_ptr<testing_support::ForgetfulDisk> disk_;
   std::vector<std::unique_ptr<Server>> all_;
-  std::set<std::size_t> cut_;  // servers, from the engine
+  std::map<std::size_t, std::uint64_t> lives_;  // of each server: how often it fell
+  std::set<std::size_t> cut_;                   // servers, from the engine
   bool isStopped_ = false, breaks_ = true, isUpgrading_ = false, isCutting_ = false, isOver_ = false;
   Time calmFrom_{}, splitUntil_{};
   std::map<std::string, std::uint64_t> most_;  // the last edit that any server has had, by session

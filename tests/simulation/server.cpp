@@ -170,7 +170,7 @@ void Server::end(Program& program) {
 // ---- one of several ----
 
 void Server::startShared() {
-  if (now_.executor) return;
+  if (now_.executor || disk_.isOff()) return;
   const auto resources = begin(now_);
   resources->makeTerrain = [this](const session::WorldSpec& spec,
                                   const std::stop_token&) -> Outcome<std::shared_ptr<const terrain::Terrain>> {
@@ -182,9 +182,7 @@ void Server::startShared() {
   directory::Directory::claimDefault(*resources, *terrain_, {}, [this, resources, alive = now_.alive](const Outcome<void>& claimed) {
     timer_.at(timer_.now(), [this, resources, alive, isClaimed = claimed.has_value()] {
       if (!*alive) return;
-      if (isClaimed) return serve(resources);
-      end(now_);
-      timer_.at(timer_.now() + std::chrono::milliseconds(200), [this] { start(); });
+      isClaimed ? serve(resources) : end(now_);
     });
   });
 }

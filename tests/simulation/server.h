@@ -50,7 +50,8 @@ class Server {
 
   // Before it starts: many small edits around a place, of the default session.
   void fill(std::uint64_t edits, lattice::Point near);
-  // Or the one beside it, where it is up. False: the power went while it started. One of several begins later: once the engine answers.
+  // Or the one beside it, where it is up. False: the power went while it started. One of several begins later, once the engine answers, or
+  // not at all: start it again until it is up.
   bool start();
   // Everybody's line is lost. `withPower`: it was stopped, and has written what it had, and the one beside it takes its place; otherwise
   // that falls too, and what was not synced may be lost. One of several loses its process alone.
