@@ -121,12 +121,13 @@ Reply onceHas(std::string_view edit, const std::shared_ptr<session::Session>& se
     return refuses(refused(409, metrics::Refusal::kSession,
                            "Edit " + std::to_string(*wanted) + " has not been made in session '" + session->name() +
                                "'; its last edit is " + std::to_string(last) + "."));
-  const auto until = std::chrono::steady_clock::now() + kAwaitEdit;
-  return DeferredResponse{.work = [session, wanted = *wanted, until, go = std::move(go), refuses](const Turn&) -> Reply {
+  const scheduling::Timer& timer = *session->resources().timer;
+  const auto until = timer.now() + kAwaitEdit;
+  return DeferredResponse{.work = [session, wanted = *wanted, &timer, until, go = std::move(go), refuses](const Turn&) -> Reply {
     const std::uint64_t made = session->ground().edit;
     if (session->isCurrent() && wanted <= made) return go();
     constexpr std::chrono::milliseconds kPause{5};
-    if (const auto now = std::chrono::steady_clock::now(); now < until) return RetryAt{now + kPause};
+    if (const auto now = timer.now(); now < until) return RetryAt{now + kPause};
     return refuses(refused(503, metrics::Refusal::kSession,
                            (wanted > made ? "Edit " + std::to_string(wanted) : std::string("What other servers have made of the ground")) +
                                " has not reached this server; ask again in a moment.",
