@@ -52,7 +52,7 @@ MUTANTS = [
     ("server/scheduling/timer.h", "      isSet_ = false;\n", ""),
     ("server/member/camera_session.cpp", "if (!due && conversation_.due(0)) ", "if (false) "),
     ("server/presence/news.cpp", "left_.push_back(camera);", "(void)camera;"),
-    ("server/presence/presence.cpp", "if (!entry.waiting.expired()) return schedule(entry, now + kMinPause);", "if (!entry.waiting.expired()) return;"),
+    ("server/presence/presence.cpp", "if (*entry.queued >= (isForStep ? kMaxQueued : 1)) return schedule(entry, now + kMinPause);", "if (*entry.queued >= (isForStep ? kMaxQueued : 1)) return;"),
     ("server/presence/news.cpp", "if (&who != &self && !waits(who)) tell(who, out);", "tell(who, out);"),
     ("server/clock/session_clock.cpp", "  if (!all) notifyAlarm_.set", "  if (false) notifyAlarm_.set"),
     ("server/clock/session_clock.cpp", "  watchStep();\n  for (auto&", "  for (auto&"),

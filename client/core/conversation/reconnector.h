@@ -1,6 +1,6 @@
 #pragma once
 // Successive conversations with one server: when one ends, the next begins after a pause. The pause grows until a conversation has lasted
-// for the longest pause, and is random, so that a thousand clients do not reconnect at once. The server may have restarted, or may have sent
+// for the longest one, and is random, so that a thousand clients do not reconnect at once. The server may have restarted, or may have sent
 // us to another one: servers that leave spread their clients themselves, so the first pause is left out.
 // Like Conversation, it has no socket, thread or clock, and is not thread-safe.
 //
