@@ -143,7 +143,7 @@ class OwnRequest {
 // them after kAwaitEdit refuses. `refuses` is for these refusals.
 Reply onceHas(
     std::string_view edit, const std::shared_ptr<session::Session>& session, std::function<Reply()> go,
-    Answer (*refuses)(Answer) = [](Answer a) { return a; });
+    Answer (*refuses)(Answer) = [](Answer a) { return a; });  // NOLINT(performance-unnecessary-value-param)
 inline constexpr std::chrono::milliseconds kAwaitEdit{1000};
 
 // The route of a path, of a fixed set, for the metrics: such as /v1/heights, /v1/sessions/{session}/snapshot.glb or other.
