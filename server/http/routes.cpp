@@ -111,7 +111,8 @@ OwnRequest::OwnRequest(const Request& request) : request_(request) {
 }
 
 Reply onceHas(std::string_view edit, const std::shared_ptr<session::Session>& session, std::function<Reply()> go,
-              Answer (*refuses)(Answer)) {
+              Answer (*refusesSo)(Answer)) {
+  const auto refuses = [refusesSo](Answer&& answer) -> Reply { return refusesSo ? refusesSo(std::move(answer)) : std::move(answer); };
   const auto wanted = edit.empty() ? 0 : text::number<std::uint64_t>(edit);
   if (!wanted)
     return refuses(refused(400, metrics::Refusal::kRequest, std::string(kEditHeader) + " is the number of an edit, such as 17."));

@@ -140,10 +140,9 @@ class OwnRequest {
 
 // The reply of `go`, if the session has made the edit that the answer must include (Request::edit), which may be empty. On several servers
 // it is made by work, once this server's ground has that edit and all that the others had made when it began; a server that still lacks
-// them after kAwaitEdit refuses. `refuses` is for these refusals.
-Reply onceHas(
-    std::string_view edit, const std::shared_ptr<session::Session>& session, std::function<Reply()> go,
-    Answer (*refuses)(Answer) = [](Answer a) { return a; });  // NOLINT(performance-unnecessary-value-param)
+// them after kAwaitEdit refuses. `refuses`, if given, is for these refusals.
+Reply onceHas(std::string_view edit, const std::shared_ptr<session::Session>& session, std::function<Reply()> go,
+              Answer (*refuses)(Answer) = nullptr);
 inline constexpr std::chrono::milliseconds kAwaitEdit{1000};
 
 // The route of a path, of a fixed set, for the metrics: such as /v1/heights, /v1/sessions/{session}/snapshot.glb or other.

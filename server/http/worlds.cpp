@@ -304,7 +304,7 @@ class Making : public std::enable_shared_from_this<Making> {
 }  // namespace
 
 Reply inSession(const Request& request, directory::Directory& directory, const Enter& then, bool makes) {
-  const Enter enter = [then, edit = std::string(request.edit)](std::shared_ptr<session::Session> session) -> Reply {
+  const Enter enter = [then, edit = std::string(request.edit)](const std::shared_ptr<session::Session>& session) -> Reply {
     if (!session) return then(nullptr);
     return onceHas(edit, session, [then, session] { return then(session); });
   };
