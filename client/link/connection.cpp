@@ -74,11 +74,16 @@ struct Connection::Impl final : WebSocket::Listener {
     return promise->get_future();
   }
 
+  // The owner is, under the lock: a line that ended is dialled again.
+  void isThere() {
+    if (reconnector_.lost() && !std::exchange(comesBack_, true)) changed_.notify_all();
+  }
+
   std::optional<core::Received> receive(milliseconds timeout) {
     const auto until = Clock::now() + timeout;
     std::unique_lock lock(mutex_);
     const auto hasNews = [&] {
-      if (reconnector_.lost() && !std::exchange(comesBack_, true)) changed_.notify_all();
+      isThere();
       const bool isOver = reconnector_.lost() && !reconnector_.comesBack();
       return reconnector_.conversation().hasIterations() || reconnector_.hasReturned() || isOver;
     };
@@ -224,7 +229,7 @@ struct Connection::Impl final : WebSocket::Listener {
   Reconnector reconnector_;
   WebSocket* socket_ = nullptr;
   bool leaves_ = false, givesUp_ = false;
-  bool comesBack_ = true;  // the owner has called receive() since the line ended
+  bool comesBack_ = true;  // the owner has called receive() or wait() since the line ended
 
   std::thread thread_;
 };
@@ -287,7 +292,10 @@ std::optional<core::Received> Connection::receive(milliseconds timeout) { return
 
 bool Connection::wait(milliseconds timeout, const std::function<bool(const Reconnector&)>& holds) const {
   std::unique_lock lock(impl_->mutex_);
-  return impl_->changed_.wait_for(lock, timeout, [&] { return holds(impl_->reconnector_); });
+  return impl_->changed_.wait_for(lock, timeout, [&] {
+    impl_->isThere();
+    return holds(impl_->reconnector_);
+  });
 }
 bool Connection::waitForClock(std::uint64_t seen, milliseconds timeout) const {
   bool isNewer = false;

@@ -355,7 +355,9 @@ TEST(KilledServer, ACallSaysSoOrWaitsForItsReturn) {
   const rc_mesh* mesh = nullptr;
   EXPECT_EQ(rc_world_ground(world.get(), 0, 0, 50, 1, 0.2, &mesh), RC_LOST) << rc_message();
   EXPECT_EQ(rc_world_step(world.get(), 1000, 0.2), RC_LOST) << rc_message();
+  // The line is dialled again and again, as long as the call waits.
   std::thread asks([&] { EXPECT_EQ(rc_world_ground(world.get(), 0, 0, 50, 1, kWait, &mesh), RC_OK) << rc_message(); });
+  std::this_thread::sleep_for(std::chrono::seconds(3));
   server = std::make_unique<ServerProcess>(RIDGECAST_SERVER, std::vector<std::string>{}, port);
   asks.join();
   rc_mesh_close(mesh);
