@@ -144,6 +144,9 @@ bool SharedClock::show(const std::string& bytes, const Now& now) {
   return true;
 }
 
+// Of the same version. An earlier leader has written what is shown, the engine has lost it, and the next one has counted on from before.
+bool SharedClock::isOther(const Record& record) const { return record.version == shown_.version && toBytes(record) != toBytes(shown_); }
+
 void SharedClock::seek(const Now& now) {
   if (asked_ != Asked::kNothing) return;
   writing_ = shown_;
@@ -156,6 +159,7 @@ void SharedClock::seek(const Now& now) {
 
 void SharedClock::lead(const Now& now) {
   role_ = Role::kLeading;
+  isNew_ = true;
   next_ = shown_;
   notices_.clear();
   heard_.clear();
@@ -206,7 +210,7 @@ void SharedClock::answered(Outcome<bus::Bus::Held> answer, const Now& now) {
   show(std::move(writing_), now);
   if (role_ == Role::kSeeking) return lead(now);
   for (const Notice& notice : writingNotices_) news_.notices.push_back(notice);
-  if (!heard_.empty()) tell(std::move(writingNotices_), now);
+  if (std::exchange(isNew_, false) || !heard_.empty()) tell(std::move(writingNotices_), now);
   writingNotices_.clear();
   write(now);
 }
@@ -223,7 +227,7 @@ void SharedClock::heardTold(const std::string& bytes, const Now& now) {
   epoch_ = told->epoch;
   role_ = Role::kMirroring;
   leaderHeard_ = told->isLast ? now.here - kSilence : now.here;
-  isLeaderBehind_ = told->record.version < shown_.version;
+  isLeaderBehind_ = told->record.version < shown_.version || isOther(told->record);
   show(std::move(told->record), now);
   for (Notice& notice : told->notices) news_.notices.push_back(std::move(notice));
   if (isNew) sendCalls(0, now);
@@ -308,6 +312,8 @@ void SharedClock::write(const Now& now) {
     stepBegan_ = now.here;
   }
   write_ = Write::kNot;
+  // A setting may have waited for a write that failed, while the clock went on everywhere.
+  if (time(now); wasShownFarAheadOf(next_.clock, now) && next_.clock.reach(reached_, now.engine)) ++next_.changes;
   next_.version = std::max(next_.version, shown_.version) + 1;
   writing_ = next_;
   writingNotices_ = std::exchange(notices_, {});
@@ -330,6 +336,7 @@ void SharedClock::tick(const Now& now) {
   if (std::exchange(wasAway_, false)) {  // nobody could be heard
     leaderHeard_ = repeatAt_ = now.here;
     for (auto& [server, heard] : heard_) heard = now.here;
+    if (role_ == Role::kLeading) write_ = Write::kNow;  // if it still leads
   }
   if (isUnreadable_) return;
   if (role_ == Role::kSeeking) return seek(now);
@@ -366,9 +373,14 @@ void SharedClock::tickLeading(const Now& now) {
   if (!heard_.empty() && now.here - told_ >= kHeartbeat) tell({}, now);
 }
 
+// It would not be there soon.
+bool SharedClock::wasShownFarAheadOf(const Clock& clock, const Now& now) const {
+  const std::uint64_t time = clock.time(now.engine);
+  return reached_ > time && (clock.all().rate <= 0 || reached_ - time >= kSoonMicroseconds);
+}
+
 void SharedClock::keepAhead(const Now& now) {
-  const std::uint64_t time = shown_.clock.time(now.engine);
-  if (reached_ <= time || (shown_.clock.all().rate > 0 && reached_ - time < kSoonMicroseconds)) return;
+  if (!wasShownFarAheadOf(shown_.clock, now)) return;
   if (std::ranges::any_of(pending_, [](const auto& p) { return !p.all && p.call.kind == Call::Kind::kReach; })) return;
   call({.kind = Call::Kind::kReach, .number = reached_}, now);
 }

@@ -113,6 +113,7 @@ class SharedClock {
   void acknowledge(const Now& now);
   void show(Record record, const Now& now);
   bool show(const std::string& bytes, const Now& now);
+  bool isOther(const Record& record) const;
   void seek(const Now& now);
   void lead(const Now& now);
   void mirror(const bus::Record& record, const Now& now);
@@ -127,6 +128,7 @@ class SharedClock {
   void tell(std::vector<Notice> notices, const Now& now);
   void tickMirroring(const Now& now);
   void tickLeading(const Now& now);
+  bool wasShownFarAheadOf(const Clock& clock, const Now& now) const;
   void keepAhead(const Now& now);
 
   const std::uint32_t self_;
@@ -149,13 +151,14 @@ class SharedClock {
 
   // Mirroring: when the leader was heard, and told, last.
   Timer::Time leaderHeard_, toldLeader_{};
-  bool isLeaderBehind_ = false;  // it did not know what is shown here, which the engine has lost
+  bool isLeaderBehind_ = false;  // it does not know what is shown here, which the engine has lost
 
   // Leading.
   Record next_;  // with calls that are not written yet
   Record writing_;
   std::vector<Notice> notices_, writingNotices_;  // told with those
   Write write_ = Write::kNot;
+  bool isNew_ = false;                          // nothing was written yet, and a leader of before may not know that it leads no longer
   std::map<std::uint32_t, Timer::Time> heard_;  // others that have this clock
   Timer::Time told_{}, written_{}, stepBegan_{};
   std::uint64_t watchedStep_ = 0;

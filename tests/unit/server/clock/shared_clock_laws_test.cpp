@@ -2,8 +2,10 @@
 #include <gtest/gtest.h>
 
 #include <bit>
+#include <numeric>
 #include <random>
 #include <set>
+#include <vector>
 
 #include "tests/unit/server/clock/shared_clock.h"
 
@@ -173,7 +175,11 @@ class Course {
 
 class SharedClockLaws : public testing::TestWithParam<Course::Kind> {};
 TEST_P(SharedClockLaws, HoldForRandomCourses) {
-  for (std::uint64_t seed = 1; seed <= 100 && !HasFailure(); ++seed) {
+  std::vector<std::uint64_t> seeds(100);
+  std::iota(seeds.begin(), seeds.end(), 1);
+  seeds.push_back(447);  // records were lost, and two servers led without any other
+  for (const std::uint64_t seed : seeds) {
+    if (HasFailure()) return;
     SCOPED_TRACE("seed " + std::to_string(seed));
     Course(seed, GetParam()).run();
   }

@@ -199,6 +199,25 @@ TEST(SharedClock, IsMovedToWhatSomebodyWasShown) {
   EXPECT_TRUE(s.areEqual());
 }
 
+// It is shown to who comes then, before anybody says how far it was shown.
+TEST(SharedClock, IsStoppedWhereItIsWhenTheEngineHasRoomForThat) {
+  Servers s;
+  Server &a = s.start(), &b = s.start();
+  s.join(a, 1), s.join(b, 2);
+  s.advance(1s);
+  s.engine.fill();
+  b.clock->receive(2, kStepped);
+  for (int k = 0; k < 20; ++k) s.advance(100ms);
+  EXPECT_EQ(a.clock->time(), 3'000'000u) << "it goes on as it is";
+  s.engine.empty();
+  for (int k = 0; k < 100 && a.clock->state().owner == 0; ++k) s.advance(10ms);
+  Server& newest = s.start();
+  s.advance(0s);
+  EXPECT_EQ(newest.clock->state().owner, 2u);
+  EXPECT_GE(newest.clock->time(), 3'000'000u);
+  EXPECT_TRUE(s.areEqual());
+}
+
 TEST(SharedClock, OnOneServerSendsNothingWhileNothingChanges) {
   Servers s;
   s.join(s.start(), 1);
