@@ -17,6 +17,7 @@ namespace {
 
 constexpr const char* kVisited = "visited";  // a session that nobody stays in
 constexpr Duration kHeard = 6s;              // within which servers that can hear each other have agreed whose a name is
+constexpr Duration kClockHeard = 2s;         // and know each other's clock
 
 std::uint64_t hashOf(const editing::Ground& ground) {
   const auto layer = edits::layerOf(*ground.terrain);
@@ -92,6 +93,7 @@ void Cluster::fall(std::size_t server, bool withPower) {
   ++met.falls;
   falls_(its);
   its.fall(withPower);
+  for (auto& [name, lives] : sessions_) lives.at.erase(server);  // it goes on elsewhere, or when a server is there again
   cut_.erase(server);
   const Duration pause = Server::kCeasing + std::chrono::milliseconds(100 + random_() % 3000);
   away(pause + 500ms);
@@ -135,6 +137,7 @@ void Cluster::failOver(const Event& event) {
   ++met.failovers;
   engine_->loseEnd(session, event.amount % 8);
   if (losesRecords_) engine_->loseRecords();
+  for (std::size_t k = 0; k < all_.size(); ++k) touches(k);
   split(testing_support::SimulatedEngine::kGrace + 2s);
 }
 
@@ -193,11 +196,24 @@ bool Cluster::act(const Event& event) {
 }
 
 void Cluster::mend(std::size_t server) {
-  if (cut_.erase(server) > 0 && all_[server]->bus()) engine_->mend(*all_[server]->bus());
+  if (cut_.erase(server) == 0) return;
+  touches(server);
+  if (all_[server]->bus()) engine_->mend(*all_[server]->bus());
 }
 
 void Cluster::halt(bool stops) {
-  if (std::exchange(isStopped_, stops) && !stops) engine_->start();
+  if (!std::exchange(isStopped_, stops) || stops) return;
+  for (std::size_t k = 0; k < all_.size(); ++k) touches(k);
+  engine_->start();
+}
+
+void Cluster::touches(std::size_t server) { inTouchFrom_[server] = timer_.now() + kClockHeard; }
+
+bool Cluster::isInTouchSince(Time then, const Server& server) const {
+  const auto its = std::ranges::find(all_, &server, [](const auto& one) { return one.get(); }) - all_.begin();
+  const auto k = static_cast<std::size_t>(its);
+  const auto from = inTouchFrom_.find(k);
+  return !isStopped_ && !cut_.contains(k) && (from == inTouchFrom_.end() || from->second <= then);
 }
 
 // Who stays for a while.
@@ -237,9 +253,23 @@ void Cluster::settle() {
     for (std::size_t k = 0; k < all_.size(); ++k) fall(k, false);
     timer_.at(timer_.now() + Server::kCeasing + 50ms, [this] { disk_->restorePower(); });  // nothing has the files any more
   }
-  for (const auto& [name, truth] : truths_)
-    for (const auto& server : all_)
-      if (const auto its = server->isUp() ? server->session(name) : nullptr) most_[name] = std::max(most_[name], its->ground().edit);
+  for (const auto& [name, truth] : truths_) look(name);
+}
+
+void Cluster::look(const std::string& session) {
+  Lives& lives = sessions_[session];
+  const std::size_t before = lives.at.size();
+  for (std::size_t k = 0; k < all_.size(); ++k) {
+    const auto its = all_[k]->isUp() ? all_[k]->session(session) : nullptr;
+    if (its) most_[session] = std::max(most_[session], its->ground().edit);
+    its ? void(lives.at.insert(k)) : void(lives.at.erase(k));
+  }
+  lives.endings += before > 0 && lives.at.empty();
+}
+
+std::uint64_t Cluster::endings(const std::string& session) const {
+  const auto its = sessions_.find(session);
+  return its == sessions_.end() ? 0 : its->second.endings;
 }
 
 // ---- whether they agree ----

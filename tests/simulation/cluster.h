@@ -39,6 +39,10 @@ class Cluster {
   bool isCalm() const { return timer_.now() >= calmFrom_; }
   // The engine's clock jumps, or it loses the clock's record: then time and steps may differ between servers for a moment.
   bool losesTime() const { return jumps_ || losesRecords_; }
+  // Since then at least it has heard all that the others say; one that cannot goes on by the clock that it knows.
+  bool isInTouchSince(Time then, const Server& server) const;
+  // How often a session has ended, since nobody was in it: the next one of its name has another clock.
+  std::uint64_t endings(const std::string& session) const;
 
   // ---- of several servers ----
 
@@ -60,13 +64,15 @@ class Cluster {
   void await(std::size_t server);
   void mend(std::size_t server);
   void halt(bool stops);
-  void away(Duration time);   // something is
-  void split(Duration time);  // likewise, and servers may not hear each other
-  bool hasTail() const;       // the engine has all that any server has
-  bool mayBreak() const;      // after a failover it is brought back before anything else breaks: two faults at once may lose it
+  void touches(std::size_t server);  // what it has missed comes
+  void away(Duration time);          // something is
+  void split(Duration time);         // likewise, and servers may not hear each other
+  bool hasTail() const;              // the engine has all that any server has
+  bool mayBreak() const;             // after a failover it is brought back before anything else breaks: two faults at once may lose it
   void failOver(const Event& event);
   void visit(Server& server, const Event& event);
   void judgeLogs();
+  void look(const std::string& session);
 
   const testing_support::SimulatedTimer& timer_;
   Truths& truths_;
@@ -80,6 +86,12 @@ class Cluster {
   std::set<std::size_t> cut_;                   // servers, from the engine
   bool isStopped_ = false, breaks_ = true, isUpgrading_ = false, isCutting_ = false, isOver_ = false;
   Time calmFrom_{}, splitUntil_{};
+  std::map<std::size_t, Time> inTouchFrom_;  // servers
+  struct Lives {
+    std::set<std::size_t> at{};  // servers
+    std::uint64_t endings = 0;
+  };
+  std::map<std::string, Lives> sessions_;
   std::map<std::string, std::uint64_t> most_;  // the last edit that any server has had, by session
   std::map<const session::Session*, std::uint64_t> judged_;
   std::set<std::uint64_t> cameras_;

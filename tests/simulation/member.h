@@ -133,7 +133,9 @@ class Member {
   wire::Clock said_;    // about the time, before
   std::uint64_t lastNumber_ = 0, lastPose_ = 0, lastStepDone_ = 0, stepAsked_ = 0, edit_ = 0;
   std::uint64_t membersSeen_ = 0, clockSeen_ = 0;  // versions
-  std::uint64_t stepSeen_ = 0, timeSeen_ = 0;      // of the clock, by any server
+  std::uint64_t stepSeen_ = 0, timeSeen_ = 0;      // of the clock, by any server in touch with the others
+  std::uint64_t endings_ = 0;                      // of its session before
+  Time opened_{};                                  // the line was
   bool isNew_ = false;                             // no iteration of this conversation was judged
   std::size_t questions_ = 0, grounds_ = 0;        // that have no answer
   bool settled_ = false;
