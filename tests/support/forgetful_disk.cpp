@@ -9,6 +9,7 @@
 #include <map>
 #include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "tests/support/process.h"
@@ -36,6 +37,11 @@ struct Content {
   std::string path, now;  // what a reader sees
   std::vector<Write> unsynced;
   bool isNewJournal = false;  // whose first sync also syncs the folder, as SQLite's own files do
+  std::uint64_t number = 0;
+};
+struct Removed {
+  std::string bytes;
+  std::uint64_t number = 0;
 };
 
 constexpr std::uint64_t kNever = ~std::uint64_t{0};
@@ -43,7 +49,8 @@ constexpr std::uint64_t kNever = ~std::uint64_t{0};
 struct State {
   std::mt19937_64& random;
   std::map<std::string, std::shared_ptr<Content>> open;
-  std::map<std::string, std::string> removed;  // without a sync of their folder
+  std::map<std::string, Removed> removed;  // without a sync of their folder
+  std::uint64_t numbered = 0;              // files that were opened or removed: tests' folders have random names, and so no order
   std::uint64_t untilCut = kNever, untilFull = kNever, lost = 0;
   bool isOff = false;
 };
@@ -53,9 +60,17 @@ sqlite3_vfs forgetful;
 
 void writeTo(const std::string& path, const std::string& bytes) { std::ofstream(path, std::ios::binary | std::ios::trunc) << bytes; }
 
+template <class Files>
+auto inOrder(const Files& files, const auto& numberOf) {
+  std::map<std::uint64_t, std::pair<std::string, typename Files::mapped_type>> out;
+  for (const auto& [path, file] : files) out.emplace(numberOf(file), std::pair(path, file));
+  return out;
+}
+
 void cutPowerNow() {
   state->isOff = true;
-  for (auto& [path, content] : state->open) {
+  for (const auto& [number, file] : inOrder(state->open, [](const auto& c) { return c->number; })) {
+    const auto& [path, content] = file;
     std::string durable = readText(path);
     const std::uint64_t share = state->random() % 5;  // of 4 writes are kept
     std::size_t torn = content->unsynced.empty() ? 0 : state->random() % content->unsynced.size();
@@ -75,8 +90,8 @@ void cutPowerNow() {
     }
     writeTo(path, durable);
   }
-  for (const auto& [path, bytes] : state->removed)
-    if (state->random() % 2) writeTo(path, bytes);
+  for (const auto& [number, file] : inOrder(state->removed, [](const Removed& r) { return r.number; }))
+    if (state->random() % 2) writeTo(file.first, file.second.bytes);
   state->open.clear();
   state->removed.clear();
 }
@@ -178,7 +193,7 @@ int openFile(sqlite3_vfs*, const char* name, sqlite3_file* file, int flags, int*
     return code;
   }
   auto& content = state->open[name];
-  if (!content) content = std::make_shared<Content>(Content{name, readText(name), {}, isNewJournal});
+  if (!content) content = std::make_shared<Content>(Content{name, readText(name), {}, isNewJournal, ++state->numbered});
   state->removed.erase(name);
   of(file) = {{&kMethods}, content.get(), inner};
   return SQLITE_OK;
@@ -186,7 +201,7 @@ int openFile(sqlite3_vfs*, const char* name, sqlite3_file* file, int flags, int*
 
 int removeFile(sqlite3_vfs*, const char* name, int syncsFolder) {
   if (!isOn()) return SQLITE_IOERR_DELETE;
-  if (!syncsFolder) state->removed[name] = readText(name);
+  if (!syncsFolder) state->removed[name] = {readText(name), ++state->numbered};
   return real->xDelete(real, name, syncsFolder);
 }
 
