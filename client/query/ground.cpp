@@ -278,7 +278,7 @@ Outcome<void> Ground::cast(std::span<const ground::Ray> rays, std::span<double> 
       if (auto refusal = wire::refusalOf(ray); !refusal.empty()) return Error{std::move(refusal)};
     const auto here = local();
     if (!here) return here.error();
-    for (std::size_t k = 0; k < rays.size(); ++k) out[k] = ground::cast(*here->terrain, rays[k]);
+    ground::cast(*here->terrain, rays, out);
     return {};
   }
   return ask(

@@ -40,8 +40,7 @@ void Rise::samples(std::int64_t x, std::int64_t z, std::int32_t columns, std::in
 terrain::Raster::Range Rise::range(std::int64_t x, std::int64_t z, std::int64_t columns, std::int64_t rows) const {
   Range out;
   layer_->forEachTile({x, z, x + columns, z + rows}, [&](TileAddress, const Tile& tile) {
-    const auto [low, high] = std::ranges::minmax(tile.posts().rise);
-    out = {std::min(out.lowest, low), std::max(out.highest, high)};
+    out = {std::min(out.lowest, tile.lowest()), std::max(out.highest, tile.highest())};
   });
   return out;
 }

@@ -36,6 +36,8 @@ class EditedTerrain final : public terrain::Terrain {
   std::uint32_t seed() const override { return base_->seed(); }
   const terrain::Raster* raster() const override { return base_->raster(); }
   const terrain::Raster* edits() const override { return layer_->empty() ? nullptr : &rise_; }
+  terrain::Relief relief() const override { return base_->edits() ? terrain::Relief() : base_->relief(); }  // one layer's rises are known
+  const terrain::Terrain& unedited() const override { return base_->unedited(); }
   terrain::Colours colours() const override;  // posts with a material have its colour
   void heights(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out) const override;
 

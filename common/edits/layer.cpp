@@ -37,6 +37,7 @@ const std::shared_ptr<const Tile>& zeroTile() {
 
 Tile::Tile(const TilePosts& posts) : material_(posts.material) {
   const auto [least, most] = std::ranges::minmax(posts.rise);
+  lowest_ = least, highest_ = most;
   using Narrow = std::numeric_limits<std::int16_t>;
   if (least < Narrow::min() || most > Narrow::max())
     wide_ = std::make_unique<const std::array<std::int32_t, kTileSide * kTileSide>>(posts.rise);

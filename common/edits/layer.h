@@ -41,6 +41,8 @@ class alignas(32) Tile {
   TilePosts posts() const;
   std::int32_t rise(std::size_t slot) const { return wide_ ? (*wide_)[slot] : rise_[slot]; }
   std::uint8_t material(std::size_t slot) const { return material_[slot]; }
+  std::int32_t lowest() const { return lowest_; }  // of its rises
+  std::int32_t highest() const { return highest_; }
   bool isZero() const { return *this == Tile(); }
   bool isWide() const { return wide_ != nullptr; }
   const std::int16_t* narrow() const { return rise_.data(); }  // the rises, unless it is wide
@@ -53,6 +55,7 @@ class alignas(32) Tile {
   std::array<std::int16_t, kTileSide * kTileSide> rise_{};
   std::array<std::uint8_t, kTileSide * kTileSide> material_{};
   std::unique_ptr<const std::array<std::int32_t, kTileSide * kTileSide>> wide_;  // null: 16 bits hold all rises
+  std::int32_t lowest_ = 0, highest_ = 0;
 };
 
 struct TileAddress {

@@ -1,7 +1,7 @@
 #pragma once
 // Queries of the true terrain, for simulations. Server and client share this code, so a local answer equals the server's bit for bit (no
 // fused multiply-add; no library function except sqrt, which IEEE 754 rounds exactly). Heights themselves are terrain::Terrain::heights.
-// Pure functions; any thread.
+// Functions of their arguments; any thread.
 
 #include <cstdint>
 #include <span>
@@ -27,10 +27,21 @@ struct Ray {
 void normals(const terrain::Terrain& terrain, std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::uint32_t spacing,
              std::span<float> out);
 
-// Metres along the ray to its first contact with the ground: 0 if it begins below ground, kNoHit if there is none within its reach or
-// before it leaves the lattice. Samples the ground every max(1/4 m, distance / 1024) along the ray, so a thinner obstacle may be missed.
-// The contact is located to a few micrometres along the ray, between lattice places 3.9 mm apart. Adds the heights that it took to
-// `heights`, if given: up to some 7,000.
+// Metres along each ray to its first contact with the ground: 0 if it begins below ground, kNoHit if there is none within its reach or
+// before it leaves the lattice. Located to 4 mm along the ray, or to the lattice, whose places are 3.9 mm apart.
+//
+// Bounds of the ground over squares say where a ray may meet it; there the ground itself is asked. They are made where rays come by and kept
+// with the terrain, at most 64 MiB, the least recently used are forgotten; an answer never depends on what is kept. What they are worth
+// depends on what is known of the ground (terrain::Relief):
+//   kMap      proven: a contact is missed only if it is shorter than max(1/64 m, distance / 16,384) along the ray
+//   kOctaves  the same, but measured: made from the unevenness of samples nearby, not proven
+//   kUnknown  no bounds: samples every max(1/4 m, distance / 1,024) along the ray, so a thinner obstacle may be missed (march.h)
+// Edits of either kind of known ground have proven bounds.
+//
+// Equal bits whatever the threads, the instruction set and the company of a ray. Adds the heights that it took to `heights`, if given: some
+// ten a ray on known ground where others came by before, some thousand for bounds at a new place, up to some 7,000 on unknown ground. `out`
+// has the size of `rays`.
+void cast(const terrain::Terrain& terrain, std::span<const Ray> rays, std::span<double> out, std::uint64_t* heights = nullptr);
 double cast(const terrain::Terrain& terrain, const Ray& ray, std::uint64_t* heights = nullptr);
 
 }  // namespace ridgecast::ground

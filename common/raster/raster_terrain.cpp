@@ -15,6 +15,7 @@
 #include "common/raster/degrees.h"
 #include "common/raster/detail.h"
 #include "common/raster/drape.h"
+#include "common/raster/ranges.h"
 #include "common/raster/raster_file.h"
 #include "common/text/text.h"
 
@@ -29,13 +30,14 @@ std::string inMegabytes(std::uint64_t bytes) { return std::to_string((bytes + 99
 // What terrains of one file with the same options share.
 struct Map {
   Samples samples;
+  Ranges ranges;
   terrain::RasterShape shape;
   Edge edge;
   std::int32_t constant;
   terrain::RasterOrigin origin;
   std::optional<Drape> drape;
   std::vector<std::filesystem::path> sources;  // RasterHeader
-  std::uint64_t bytes() const { return samples.bytes() + (drape ? drape->bytes() : 0); }
+  std::uint64_t bytes() const { return samples.bytes() + ranges.bytes() + (drape ? drape->bytes() : 0); }
 };
 
 class RasterTerrain final : public terrain::Terrain, public terrain::Raster {
@@ -76,6 +78,35 @@ class RasterTerrain final : public terrain::Terrain, public terrain::Raster {
     }
   }
 
+  terrain::Relief relief() const override {
+    const terrain::RasterBounds bounds = terrain::boundsOf(shape_);
+    return {terrain::Relief::Kind::kMap, bounds.lowest, bounds.highest};
+  }
+  Range range(std::int64_t x, std::int64_t z, std::int64_t columns, std::int64_t rows) const override {
+    const auto along = [edge = map_->edge](std::int64_t from, std::int64_t count, std::uint32_t n) -> std::optional<Along> {
+      const std::int64_t last = std::int64_t{n} - 1, to = from + count - 1;
+      if (from >= 0 && to <= last) return Along{static_cast<std::uint32_t>(from), static_cast<std::uint32_t>(to)};
+      if (edge == Edge::kConstant && (to < 0 || from > last)) return std::nullopt;
+      if (edge == Edge::kClamp || edge == Edge::kConstant)
+        return Along{static_cast<std::uint32_t>(std::clamp<std::int64_t>(from, 0, last)),
+                     static_cast<std::uint32_t>(std::clamp<std::int64_t>(to, 0, last))};
+      // One period of the continuation, or all.
+      const std::uint32_t a = *folded(from, n, edge), b = *folded(to, n, edge);
+      const bool isWhole = count >= last || (edge == Edge::kRepeat ? a > b : std::max(a, b) - std::min(a, b) != count - 1);
+      return isWhole ? Along{0, n - 1} : Along{std::min(a, b), std::max(a, b)};
+    };
+    const Samples& held = map_->samples;
+    const auto acrossX = along(x, columns, held.width()), acrossZ = along(z, rows, held.height());
+    if (!acrossX || !acrossZ) return {map_->constant, map_->constant};
+    Range out = map_->ranges.of(held, acrossX->first, acrossZ->first, acrossX->last, acrossZ->last);
+    if (map_->edge == Edge::kConstant) {
+      const auto isWithin = [](std::int64_t from, std::int64_t count, std::uint32_t n) { return from >= 0 && from + count <= n; };
+      if (!isWithin(x, columns, held.width()) || !isWithin(z, rows, held.height()))
+        out = {std::min(out.lowest, map_->constant), std::max(out.highest, map_->constant)};
+    }
+    return out;
+  }
+
   void tile(terrain::TileAddress address, terrain::Tile& out) const override {
     samples(address.i * kTileSide, address.j * kTileSide, kTileSide, kTileSide, out.data());
   }
@@ -102,6 +133,9 @@ class RasterTerrain final : public terrain::Terrain, public terrain::Raster {
   }
 
  private:
+  struct Along {
+    std::uint32_t first, last;  // samples of the map
+  };
   std::string name_, source_;
   std::uint32_t seed_;
   std::shared_ptr<const Map> map_;
@@ -245,8 +279,9 @@ Outcome<std::shared_ptr<const Map>> finished(const std::string& name, Samples sa
     shape.content = lattice::mix(shape.content ^ drape->content());
     origin.drape = drape->describe();
   }
-  return std::shared_ptr<const Map>(
-      std::make_shared<Map>(Map{std::move(samples), shape, options.edge, constant, std::move(origin), std::move(drape), header.sources}));
+  Ranges ranges(samples);
+  return std::shared_ptr<const Map>(std::make_shared<Map>(
+      Map{std::move(samples), std::move(ranges), shape, options.edge, constant, std::move(origin), std::move(drape), header.sources}));
 }
 
 // To what the start line says of how a map was read.

@@ -45,6 +45,6 @@ std::vector<std::filesystem::path> otherFilesOf(const std::filesystem::path& map
 // What was understood of a height map, in a line.
 std::string describe(const terrain::Raster& map);
 
-std::uint64_t bytesOfMaps();  // of samples and pixels in use
+std::uint64_t bytesOfMaps();  // in use: samples with ranges.h, and pixels
 
 }  // namespace ridgecast::raster

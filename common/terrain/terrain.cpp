@@ -15,10 +15,11 @@ namespace {
 // Part of contentHash. Change it if the same text and seed give other heights on the lattice.
 constexpr std::uint64_t kLatticeVersion = 1;
 
+// Lowest and highest: the sums of what each octave adds at most.
 const std::array<Description, kBuiltIns> kBuiltIn = {
-    {{"alpine", "ridged, eroded mountains with lakes, meadows, scree and snow", embedded::alpine, 2},
-     {"canyon", "a plateau of layered rock, cut into mesas, terraces and gorges", embedded::canyon, 1},
-     {"archipelago", "wooded islands with hills, dunes and beaches in a shallow sea", embedded::archipelago, 1}}};
+    {{"alpine", "ridged, eroded mountains with lakes, meadows, scree and snow", embedded::alpine, 2, 420, 3300},
+     {"canyon", "a plateau of layered rock, cut into mesas, terraces and gorges", embedded::canyon, 1, 0, 1300},
+     {"archipelago", "wooded islands with hills, dunes and beaches in a shallow sea", embedded::archipelago, 1, 0, 2600}}};
 
 std::vector<Variant> usableVariants() {
   std::vector<Variant> usable{baselineVariant()};
@@ -41,6 +42,7 @@ class BuiltIn final : public Terrain {
   std::string_view name() const override { return kBuiltIn[index_].name; }
   std::string_view source() const override { return parameters_.values.empty() ? kBuiltIn[index_].source : parameters_.source; }
   std::uint32_t seed() const override { return seed_; }
+  Relief relief() const override { return {Relief::Kind::kOctaves, kBuiltIn[index_].lowest, kBuiltIn[index_].highest}; }
   Colours colours() const override {
     return [f = functions_.colours, values = parameters_.values](const lattice::Step* x, const lattice::Step* z, const float* height,
                                                                  const std::array<float, 3>* normal, float footprint,
@@ -73,6 +75,14 @@ std::int32_t toSteps(float metres) {
 std::span<const Variant> variants() {
   static const std::vector<Variant> usable = usableVariants();
   return usable;
+}
+
+Kept& Terrain::kept(std::unique_ptr<Kept> (*make)(const Terrain&)) const {
+  Kept* there = kept_.load(std::memory_order_acquire);
+  if (there) return *there;
+  std::unique_ptr<Kept> made = make(*this);
+  if (kept_.compare_exchange_strong(there, made.get(), std::memory_order_acq_rel)) return *made.release();
+  return *there;  // another thread was first
 }
 
 void Terrain::heightSteps(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<std::int32_t> out) const {

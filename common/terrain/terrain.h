@@ -11,6 +11,7 @@
 // Heights are bit for bit the same from every code path and, without fused multiply-add, from the graphics driver.
 
 #include <array>
+#include <atomic>
 #include <cstdint>
 #include <functional>
 #include <memory>
@@ -33,16 +34,41 @@ using Colours = std::function<void(const lattice::Step* x, const lattice::Step* 
 // Rounded to the nearest step and clamped to +-lattice::kMaxHeight; NaN becomes 0.
 std::int32_t toSteps(float metres);
 
+// What is known of heights between places, so that rays need not look everywhere (common/ground).
+struct Relief {
+  enum class Kind {
+    kUnknown,  // nothing
+    kOctaves,  // noise: as uneven between samples as from one sample to the next
+    kMap,      // Terrain::raster() with its bicubic between samples (raster_cubic.glsl)
+  };
+  Kind kind = Kind::kUnknown;
+  double lowest = 0, highest = 0;  // metres: no height lies beyond, but for edits; of kUnknown: 0
+};
+
+// What others keep with a terrain while it lives.
+class Kept {
+ public:
+  virtual ~Kept() = default;
+};
+
 // A terrain with its seed. Immutable; every member may be called from any thread.
 class Terrain {
  public:
-  virtual ~Terrain() = default;
+  Terrain() = default;
+  Terrain(const Terrain&) {}  // what is kept stays with the other
+  Terrain& operator=(const Terrain&) = delete;
+  virtual ~Terrain() { delete kept_.load(); }
   virtual std::string_view name() const = 0;
   virtual std::string_view source() const = 0;  // the GLSL text of the terrain file
   virtual std::uint32_t seed() const = 0;
-  virtual const Raster* raster() const { return nullptr; }  // the samples of a height map (raster.h); null: heights are a formula
-  virtual const Raster* edits() const { return nullptr; }   // posts whose bicubic is added to other heights; null: none
-  virtual Colours colours() const { return {}; }            // empty: not available in C++ (some users' files)
+  virtual const Raster* raster() const { return nullptr; }   // the samples of a height map (raster.h); null: heights are a formula
+  virtual const Raster* edits() const { return nullptr; }    // posts whose bicubic is added to other heights; null: none
+  virtual Colours colours() const { return {}; }             // empty: not available in C++ (some users' files)
+  virtual Relief relief() const { return {}; }               // without edits
+  virtual const Terrain& unedited() const { return *this; }  // the same without edits; lives as long
+
+  // What common/ground keeps here, made at the first call.
+  Kept& kept(std::unique_ptr<Kept> (*make)(const Terrain&)) const;
 
   // Heights in metres at points of the lattice, as the terrain function returns them. x, z, out have the same size.
   virtual void heights(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out) const = 0;
@@ -51,6 +77,9 @@ class Terrain {
   void heightSteps(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<std::int32_t> out) const;
   std::int32_t heightStep(lattice::Point p) const;
   double height(lattice::Point p) const;  // metres, of heightStep
+
+ private:
+  mutable std::atomic<Kept*> kept_ = nullptr;
 };
 
 struct Description {
@@ -58,6 +87,7 @@ struct Description {
   std::string_view summary;  // one line for people
   std::string_view source;   // the GLSL text
   std::size_t parameters;    // how many the text declares
+  double lowest, highest;    // metres: no height lies beyond, whatever the parameters within their ranges
 };
 std::span<const Description> builtIn();
 

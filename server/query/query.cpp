@@ -23,12 +23,14 @@ Answering::Answering(std::shared_ptr<const terrain::Terrain> terrain, wire::Quer
 }
 
 std::uint64_t Answering::work() {
-  constexpr std::size_t kPlaces = 1024;
+  constexpr std::size_t kPlaces = 1024, kRays = 16;  // rays over known ground; over other ground each takes as long
   const std::size_t begin = done_;
   expects(begin < size_, "some of the answer is left");
   if (query_.kind == wire::QueryKind::kRays) {
     std::uint64_t heights = 0;
-    answer_.distances[begin] = ground::cast(*terrain_, query_.rays[done_++], &heights);
+    done_ = std::min(begin + (terrain_->relief().kind == terrain::Relief::Kind::kUnknown ? 1 : kRays), size_);
+    ground::cast(*terrain_, std::span(query_.rays).subspan(begin, done_ - begin),
+                 std::span(answer_.distances).subspan(begin, done_ - begin), &heights);
     return heights;
   }
   const std::size_t count = std::min(kPlaces, size_ - begin);

@@ -12,15 +12,15 @@
 
 namespace ridgecast::query {
 
-// Answers a query in pieces of at most some hundred microseconds, between which others run. A decoded query is in range, or its refusal is
-// the answer. One thread at a time.
+// Answers a query in pieces of at most some hundred microseconds (of rays at a new place a millisecond), between which others run. A decoded
+// query is in range, or its refusal is the answer. One thread at a time.
 class Answering {
  public:
   // `edit`: the terrain's, reported in the answer.
   Answering(std::shared_ptr<const terrain::Terrain> terrain, wire::Query query, std::uint64_t edit = 0);
   bool isDone() const { return done_ == size_; }
   const wire::Query& query() const { return query_; }
-  std::uint64_t work();  // the next piece, some places or one ray; returns the heights of the terrain that it took
+  std::uint64_t work();  // the next piece, some places or rays; returns the heights of the terrain that it took
   wire::Answer take() { return std::move(answer_); }
 
  private:

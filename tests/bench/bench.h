@@ -58,5 +58,6 @@ Report edits(const Options&);
 Report doors(const Options&);
 Report resume(const Options&);
 Report bus(const Options&);
+Report rays(const Options&);
 
 }  // namespace ridgecast::bench

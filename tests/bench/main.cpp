@@ -47,6 +47,7 @@ const Entry kEntries[] = {
     {"doors", "the stream against whole leaves, 3D Tiles and Terrarium tiles, along the evaluation's flights", doors},
     {"resume", "what a client that comes back costs: a start, a resume, a handover by a checkpoint", resume},
     {"soak", "an hour's flight: budget, memory, soundness", soak},
+    {"rays", "rays to the true ground against the march by samples", rays},
     {"heights", "heights in batches against scalar double", heights},
 };
 

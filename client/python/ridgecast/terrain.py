@@ -61,7 +61,9 @@ class Questions:
     def rays(self, origins: ArrayLike, directions: ArrayLike, reach: ArrayLike = 1e5) -> Hits:
         """The first contact of rays with the ground. origins, directions (not 0): (..., 3); reach: metres, at most 1e5, of all or each (...).
 
-        Obstacles thinner than a quarter of a metre, or 1/1024 of the distance, may be missed.
+        Missed only where the ray is in the ground for less than 1/64 m, or 1/16384 of the distance: proven for height maps and edits,
+        measured for built-in terrains. Terrains of GLSL files are sampled every 1/4 m, or 1/1024 of the distance, and any thinner obstacle
+        may be missed.
         """
         begin, towards = np.broadcast_arrays(places(origins, 3, "origins"), places(directions, 3, "directions"))
         shape = begin.shape[:-1]

@@ -330,7 +330,7 @@ TEST_F(RasterFiles, aMapThatDoesNotFitIntoMemoryIsTheSame) {
 
 TEST_F(RasterFiles, TerrainsOfOneMapShareItsSamples) {
   const auto sample = [](int x, int z) { return 100 + x * z % 77; };
-  constexpr std::uint64_t kMap = 64 * 32 * 4, kTwo = 2 * kMap;
+  constexpr std::uint64_t kSamples = 64 * 32 * 4, kMap = kSamples + (8 * 4 + 2 * 1 + 1) * 8, kTwo = 2 * kMap;  // with ranges of blocks
   raw("map.r16", 64, 32, sample);
   const MapLimits limits{.inMemory = kMap, .total = kTwo};
   const auto open = [&](const std::string& name, std::uint32_t seed, const std::string& option) {
