@@ -90,9 +90,9 @@ typedef struct rc_hit {
   double at[3];
   double normal[3];
 } rc_hit;
-/* The first contact with the ground. Missed only where the ray is in the ground for less than 1/64 m, or 1/16384 of the distance: proven for
-   height maps and edits, measured for built-in terrains. Terrains of GLSL files are sampled every 1/4 m, or 1/1024 of the distance, and any
-   thinner obstacle may be missed. */
+/* The first contact with the ground. Missed only where the ray is in the ground for less than 1/64 m, or 1/16384 of the distance: proven
+   for height maps and edits, measured for built-in terrains. Terrains of GLSL files are sampled every 1/4 m, or 1/1024 of the distance,
+   and any thinner obstacle may be missed. */
 rc_status rc_terrain_rays(rc_terrain* terrain, const rc_ray* rays, size_t count, rc_hit* hits);
 
 /* ---- ground under bodies: tiles of heights that follow them, for physics engines ---- */

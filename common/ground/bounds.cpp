@@ -31,6 +31,10 @@ constexpr double kCurvature = 7.5;
 
 float up(double v) { return std::nextafter(static_cast<float>(v), 1e9f); }
 
+constexpr std::size_t slotOf(int a, int b, int across) {
+  return static_cast<std::size_t>(b) * static_cast<std::size_t>(across) + static_cast<std::size_t>(a);
+}
+
 }  // namespace
 
 Reader::Reader(const terrain::Terrain& terrain)
@@ -41,7 +45,7 @@ Reader::Reader(const terrain::Terrain& terrain)
       kept_(keptWith<Bounds, kMaxKept>(terrain.unedited())) {
   if (isMap_) {
     finestOfMap_ = ground_.raster()->shape().finest() * lattice::kMetresPerStep;
-    while (coarsestOfMap_ + 1 < kLevels && 4 * cellMetres(coarsestOfMap_ + 1) <= finestOfMap_) ++coarsestOfMap_;
+    while (coarsestOfMap_ + 1 < kLevels && 2 * cellMetres(coarsestOfMap_ + 1) <= finestOfMap_) ++coarsestOfMap_;
   }
   if (!edits_) return;
   expects(&terrain != &ground_, "who has edits has a ground without them");
@@ -92,7 +96,7 @@ Bounds Reader::ofOctaves(const Square& square) {
   float most = 0;
   for (int b = 0; b < across; ++b)
     for (int a = 0; a < across; ++a) {
-      const auto k = static_cast<std::size_t>(b * across + a);
+      const std::size_t k = slotOf(a, b, across);
       const float* const h = &height[k];
       const bool isInX = a > 0 && a + 1 < across, isInZ = b > 0 && b + 1 < across;
       const auto around = [&](int step) { bend[k] = std::max(bend[k], std::abs(h[-step] + h[step] - 2 * h[0])); };
@@ -106,12 +110,12 @@ Bounds Reader::ofOctaves(const Square& square) {
   const double side = cellMetres(square.level);
   for (int b = 0; b <= kCells; ++b)
     for (int a = 0; a <= kCells; ++a) {
-      const auto k = static_cast<std::size_t>((b + ring) * across + a + ring), next = k + static_cast<std::size_t>(across);
-      out.corner[static_cast<std::size_t>(b * (kCells + 1) + a)] = height[k];
+      const std::size_t k = slotOf(a + ring, b + ring, across), next = k + static_cast<std::size_t>(across);
+      out.corner[slotOf(a, b, kCells + 1)] = height[k];
       if (a == kCells || b == kCells) continue;
       const auto greatest = [k, next](const auto& of) { return std::max({of[k], of[k + 1], of[next], of[next + 1]}); };
       const double margin = isWide ? most + 0.05 * side : 0.4 * greatest(bend) + 0.7 * most + 0.02 * side;
-      const auto cell = static_cast<std::size_t>(b * kCells + a);
+      const std::size_t cell = slotOf(a, b, kCells);
       out.high[cell] = up(greatest(height) + margin);
       out.lowered[cell] = out.high[cell];
     }
@@ -143,7 +147,7 @@ Bounds Reader::ofMap(const Square& square) {
       const Raster::Range range =
           map.range(x, z, shape.x.at(x0 + (Step{1} << bits)).sample + 3 - x, shape.z.at(z0 + (Step{1} << bits)).sample + 3 - z);
       const double low = range.lowest * lattice::kMetresPerStep, high = range.highest * lattice::kMetresPerStep;
-      const auto cell = static_cast<std::size_t>(b * kCells + a), k = static_cast<std::size_t>(b * (kCells + 1) + a);
+      const std::size_t cell = slotOf(a, b, kCells), k = slotOf(a, b, kCells + 1);
       out.high[cell] = up(high + kSwing * (high - low) + kRounded);
       out.lowered[cell] = out.high[cell];
       if (!hasCorners) continue;

@@ -8,9 +8,9 @@
 
 namespace ridgecast::ground {
 
-// As cast(). Samples the ground every max(1/4 m, distance / 1024) along the ray, so a thinner obstacle may be missed. The contact is located
-// to a few micrometres along the ray, between lattice places 3.9 mm apart. Adds the heights that it took to `heights`, if given: up to some
-// 7,000. Pure; any thread.
+// As cast(). Samples the ground every max(1/4 m, distance / 1024) along the ray, so a thinner obstacle may be missed. The contact is
+// located to a few micrometres along the ray, between lattice places 3.9 mm apart. Adds the heights that it took to `heights`, if given:
+// up to some 7,000. Pure; any thread.
 double march(const terrain::Terrain& terrain, const Ray& ray, std::uint64_t* heights = nullptr);
 
 }  // namespace ridgecast::ground

@@ -23,6 +23,8 @@ struct Square {
 
 template <class Value>
 class Recent {
+  class Generation;
+
  public:
   // At most 2 x `most` values.
   explicit Recent(std::size_t most) : most_(most), younger_(std::make_shared<Generation>(most)) {}
@@ -48,13 +50,18 @@ class Recent {
       held_.push_back(older_);
     }
     Recent& all_;
-    std::shared_ptr<typename Recent::Generation> younger_, older_;
-    std::vector<std::shared_ptr<typename Recent::Generation>> held_;
+    std::shared_ptr<Generation> younger_, older_;
+    std::vector<std::shared_ptr<Generation>> held_;
   };
 
  private:
   // A hash table that only grows: slots are taken once, by whoever comes first.
   class Generation {
+    struct Entry {
+      Square square;
+      Value value;
+    };
+
    public:
     explicit Generation(std::size_t most) : most_(most) {
       std::size_t slots = 64;
@@ -89,10 +96,6 @@ class Recent {
     }
 
    private:
-    struct Entry {
-      Square square;
-      Value value;
-    };
     static std::size_t hash(const Square& s) {
       return static_cast<std::size_t>(lattice::mix(static_cast<std::uint64_t>(s.i) * 0x9e3779b97f4a7c15u +
                                                    lattice::mix(static_cast<std::uint64_t>(s.j) * 8 + static_cast<unsigned>(s.level))));

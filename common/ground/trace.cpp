@@ -15,14 +15,15 @@ namespace {
 
 constexpr double kLocated = 1.0 / 256;  // metres
 constexpr int kParts = 4;               // of an interval that is looked at closely
+constexpr int kMostGuesses = 4;         // of where it crosses, before an interval is only divided
 constexpr std::size_t kMostSamples = kParts + 1;
 
 struct Sample {
   double t = 0, above = 0;  // metres along the ray, and of it above the ground
 };
 
-// The search for the first contact on a stretch: intervals from left to right, those that may hide one in parts. All that it decides depends
-// on the stretch and the ground alone.
+// The search for the first contact on a stretch: intervals from left to right, those that may hide one in parts. All that it decides
+// depends on the stretch and the ground alone.
 class Search {
  public:
   void begin(const Stretch& stretch, double until) {
@@ -32,11 +33,10 @@ class Search {
     floor_ = until;
     ends_[0] = {stretch.to, kUnknown};
     depth_ = 1;
-    crosses_ = false;
-    rounds_ = 0;
+    guesses_ = 0;
   }
   // Where the ground is asked next, ascending.
-  std::size_t ask(std::array<double, kMostSamples>& at) const;
+  std::size_t ask(const Walk& walk, std::array<double, kMostSamples>& at) const;
   enum class Result { kMore, kNone, kHit };
   Result take(const Walk& walk, std::span<const Sample> samples);
   double hit() const { return from_.t; }
@@ -45,44 +45,61 @@ class Search {
  private:
   static constexpr double kUnknown = 1e300;
   static constexpr std::size_t kMostDepth = 24;
-  bool isHidden(const Walk& walk, const Sample& a, const Sample& b) const;
-  Result locate(const Walk& walk);
+  std::size_t askAround(const Walk& walk, double guess, double beside, double slope, double* at) const;
+  bool mayHide(const Walk& walk, const Sample& a, const Sample& b) const;
 
   Stretch stretch_;
   double floor_ = 0;  // above the ground for certain
   Sample from_;       // above the ground; its height only if isKnown_
   bool isKnown_ = false;
-  bool crosses_ = false;                 // from_ to the last end, short enough: now it is located
-  int rounds_ = 0;                       // of that
+  int guesses_ = 0;
   std::array<Sample, kMostDepth> ends_;  // the last one is next
   std::size_t depth_ = 0;
 };
 
-std::size_t Search::ask(std::array<double, kMostSamples>& at) const {
+// To both sides of a guess where the ray crosses the ground, and as far before it that nothing is hidden in between if it comes down so.
+std::size_t Search::askAround(const Walk& walk, double guess, double beside, double slope, double* at) const {
+  const double bend = 1.25 * (stretch_.bend / stretch_.side + stretch_.steep);  // a metre
+  const double before = (guess - from_.t) * bend / (slope + bend);
+  std::size_t n = 0;
+  const auto ask = [&](double t) {
+    if (t > from_.t && t < ends_[depth_ - 1].t) at[n++] = t;
+  };
+  if (before > beside && guess - beside - from_.t > walk.spacing(from_.t)) ask(guess - before);
+  ask(guess - beside), ask(guess + beside);
+  return n;
+}
+
+std::size_t Search::ask(const Walk& walk, std::array<double, kMostSamples>& at) const {
   const Sample& end = ends_[depth_ - 1];
   const double length = end.t - from_.t;
   std::size_t n = 0;
-  if (crosses_ && rounds_ < 4) {
-    // Around where a straight line would cross.
-    const double guess = from_.t + length * (from_.above / (from_.above - end.above)), beside = std::max(length / 16, kLocated / 4);
-    for (const double t : {guess - beside, guess + beside})
-      if (t > from_.t && t < end.t) at[n++] = t;
-    if (n > 0) return n;
-  }
   if (!isKnown_) at[n++] = from_.t;
+  if (!isKnown_ && depth_ == 1 && stretch_.guess >= 0) {
+    if (const std::size_t some =
+            askAround(walk, stretch_.guess, std::max(stretch_.bend / stretch_.slope / 4, kLocated / 2), stretch_.slope, &at[n]))
+      return n + some;
+  } else if (isKnown_ && end.above <= 0 && guesses_ < kMostGuesses) {
+    const double slope = (from_.above - end.above) / length;
+    if (const std::size_t some =
+            askAround(walk, from_.t + from_.above / slope, std::clamp(length / 16, kLocated / 4, kLocated / 2.125), slope, &at[n]))
+      return n + some;
+  }
   for (int k = 1; k < kParts; ++k) at[n++] = from_.t + length * k / kParts;
   if (end.above == kUnknown) at[n++] = end.t;
   return n;
 }
 
 // Whether ground may rise above the ray between two samples above it.
-bool Search::isHidden(const Walk& walk, const Sample& a, const Sample& b) const {
+bool Search::mayHide(const Walk& walk, const Sample& a, const Sample& b) const {
   const double length = b.t - a.t;
-  if (length <= walk.spacing(a.t)) return false;
-  return std::min(a.above, b.above) <= stretch_.bend * std::min(1.0, length / stretch_.side) + stretch_.steep * length;
+  if (b.above == kUnknown) return length > kLocated;
+  return length > walk.spacing(a.t) &&
+         std::min(a.above, b.above) <= stretch_.bend * std::min(1.0, length / stretch_.side) + stretch_.steep * length;
 }
 
 Search::Result Search::take(const Walk& walk, std::span<const Sample> samples) {
+  if (isKnown_ && ends_[depth_ - 1].above <= 0) ++guesses_;
   // All that is known of the interval, from left to right.
   std::array<Sample, kMostSamples + 2> known;
   std::size_t n = 0;
@@ -101,25 +118,21 @@ Search::Result Search::take(const Walk& walk, std::span<const Sample> samples) {
   for (std::size_t k = 0; k + 1 < n; ++k) {
     const Sample &a = known[k], &b = known[k + 1];
     const bool crosses = b.above <= 0;
-    if (!crosses && (crosses_ || !isHidden(walk, a, b))) continue;
+    if (!crosses && !mayHide(walk, a, b)) continue;
     from_ = a;
-    if (k + 2 < n) ends_[depth_++] = b;
-    if (crosses_) ends_[0] = b, depth_ = 1, ++rounds_;
+    if (crosses) {
+      if (b.t - a.t <= kLocated) return from_.t += (b.t - a.t) * (a.above / (a.above - b.above)), Result::kHit;
+      ends_[0] = b, depth_ = 1;  // there is nothing further
+    } else if (k + 2 < n) {
+      ends_[depth_++] = b;
+    }
     expects(depth_ < kMostDepth, "intervals shrink");
-    if (!crosses) return Result::kMore;
-    if (!crosses_ && b.t - a.t <= walk.spacing(a.t)) ends_[0] = b, depth_ = 1, crosses_ = true;
-    return crosses_ && b.t - a.t <= kLocated ? locate(walk) : Result::kMore;
+    return Result::kMore;
   }
   // Nothing up to here; on with what comes after.
   from_ = known[n - 1];
   floor_ = from_.t;
   return --depth_ == 0 ? Result::kNone : Result::kMore;
-}
-
-Search::Result Search::locate(const Walk&) {
-  const Sample& end = ends_[0];
-  from_.t += (end.t - from_.t) * (from_.above / (from_.above - end.above));
-  return Result::kHit;
 }
 
 }  // namespace
@@ -154,7 +167,7 @@ std::uint64_t trace(const terrain::Terrain& terrain, std::span<const Ray> rays, 
     for (std::size_t o = 0; o < n; ++o) {
       const Walk& walk = walks[open[o]];
       std::array<double, kMostSamples> at;
-      const std::size_t some = searches[open[o]].ask(at);
+      const std::size_t some = searches[open[o]].ask(walk, at);
       for (std::size_t k = 0; k < some; ++k, ++asked) {
         const lattice::Point place = walk.at(at[k]);
         t[asked] = at[k], x[asked] = place.x, z[asked] = place.z;

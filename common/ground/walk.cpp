@@ -16,9 +16,9 @@ constexpr double kNever = std::numeric_limits<double>::infinity();
 constexpr std::int64_t kIn = kCells - 1;
 constexpr double kShortest = 1.0 / 64;  // metres that a ray advances at least from stretch to stretch
 
-// The finest cells looked at so far along a ray: those nearby are asked again and again, those far away would be too many. Tuned for a lidar
-// of 64 beams on alpine.
-int finestAt(double t) { return t < 48 ? 0 : t < 1'500 ? 1 : 2; }
+// The finest cells looked at so far along a ray: those nearby are asked again and again, those far away would be too many. Tuned for a
+// lidar of 64 beams on alpine and canyon.
+int finestAt(double t) { return t < 32 ? 0 : t < 200 ? 1 : 2; }
 
 }  // namespace
 
@@ -53,14 +53,15 @@ Walk::Walk(const Ray& ray, const Reader& reader) : x_(ray.x), z_(ray.z), y_(ray.
   const double across = std::max(std::abs(dx_), std::abs(dz_)) * (end_ - t_);  // steps
   while (widest_ < reader.widest() && across > (widest_ < 3 ? 8 : 32) * static_cast<double>(Step{1} << cellBits(widest_))) ++widest_;
   const lattice::Point start = at(t_);
-  const int level = t_ > 0 ? widest_ : 0;
+  const int level = t_ > 0 ? widest_ : std::min(widest_, 1);
   turnTo(level, start.x >> cellBits(level), start.z >> cellBits(level));
 }
 
 lattice::Point Walk::at(double t) const {
   const auto nearest = [](double v) {  // the floor of v + 1/2, without a call
-    const auto cut = static_cast<Step>(v + 0.5);
-    return cut - (static_cast<double>(cut) > v + 0.5 ? 1 : 0);
+    const double moved = v + 0.5;
+    const auto cut = static_cast<Step>(moved);
+    return cut - (static_cast<double>(cut) > moved ? 1 : 0);
   };
   return {x_ + nearest(dx_ * t), z_ + nearest(dz_ * t)};
 }
@@ -111,6 +112,14 @@ bool Walk::next(Near& near, Stretch& out) {
       continue;
     }
     if (level_ > finest) {
+      if (!reader.isMap() || level_ <= reader.coarsestOfMap()) {
+        if (!inCell(entry, until, reader, out)) {
+          if (until >= end_) return t_ = end_, false;
+          step();
+          continue;
+        }
+        t_ = std::max(t_, out.from);
+      }
       const Lowered& bound = entry.bounds->lowered[slot()];
       bound.lower(near.at({i_, j_, level_ - 1}).highest());
       descend();
@@ -151,6 +160,8 @@ bool Walk::inCell(const Near::Entry& entry, double until, const Reader& reader, 
   const auto cross = [&](double level) { return t_ + (until - t_) * ((first - level) / (first - last)); };
   out.from = first > over ? std::clamp(cross(over), t_, until) : t_;
   out.to = until;
+  out.guess = first > 0 && last < 0 ? cross(0) : -1;
+  out.slope = (first - last) / (until - t_);
   if (first > -under && last < -under) out.to = std::clamp(std::max(cross(-under), out.from + kShortest), out.from, until);
   out.side =
       reader.isMap() ? std::min(cellMetres(level_), reader.finestOfMap() / 2) : cellMetres(level_);  // a bicubic bends as much on half

@@ -18,6 +18,8 @@ struct Stretch {
   double bend = 0;          // of the ground's profile: at most so far, metres, from a chord over `side`, in proportion for shorter ones
   double side = 0;          // metres
   double steep = 0;         // of what edits add: at most so far from a chord, metres a metre of it
+  double guess = -1;        // where it meets a surface near the ground; negative: nowhere
+  double slope = 0;         // at which, metres a metre
 };
 
 // The squares last visited, one of each level.

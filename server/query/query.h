@@ -12,8 +12,8 @@
 
 namespace ridgecast::query {
 
-// Answers a query in pieces of at most some hundred microseconds (of rays at a new place a millisecond), between which others run. A decoded
-// query is in range, or its refusal is the answer. One thread at a time.
+// Answers a query in pieces of at most some hundred microseconds (of rays at a new place a millisecond), between which others run. A
+// decoded query is in range, or its refusal is the answer. One thread at a time.
 class Answering {
  public:
   // `edit`: the terrain's, reported in the answer.
