@@ -43,6 +43,7 @@ class Server::Starving final : public terrain::Terrain {
   std::string_view name() const override { return of_->name(); }
   std::string_view source() const override { return of_->source(); }
   std::uint32_t seed() const override { return of_->seed(); }
+  terrain::Relief relief() const override { return of_->relief(); }
   void heights(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out) const override {
     if (*starves_ && ++asked_ % 3 == 0) {
       ++met.starved;
