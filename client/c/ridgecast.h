@@ -214,7 +214,8 @@ rc_status rc_world_set_clock(rc_world* world, int32_t mode, double rate, double 
 rc_status rc_world_jump(rc_world* world, int64_t time, double timeout);
 /* Takes the clock if nobody owns it, advances it by `time`, and waits until all members that follow it have done the step. RC_TIMEOUT: the
    message names those that have not; call again with time 0 to go on waiting. RC_REFUSED: it is not done; the message says why.
-   RC_LOST: whether it was done is unknown; read the clock. */
+   RC_LOST: whether it was done is unknown, read the clock; or the server has lost the clock, which has begun anew: then it is not done.
+   Who calls this or any other function that waits for the clock is told that once. */
 rc_status rc_world_step(rc_world* world, int64_t time, double timeout);
 /* For a member that follows: reports the step returned last as done, waits for the next one, and writes the session's time. */
 rc_status rc_world_next_step(rc_world* world, double timeout, int64_t* time);

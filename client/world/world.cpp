@@ -15,6 +15,20 @@ using Clock = std::chrono::steady_clock;
 namespace {
 
 constexpr std::uint32_t kNear = 24;  // members heard of often
+constexpr auto kMoment = 5ms;
+
+// Time does not go back within a session, and at another server of it by no more than a setting takes to get there.
+bool isOther(const wire::Clock& known, const wire::Clock& said) {
+  constexpr std::uint64_t kOnItsWay = 1'000'000;
+  const std::uint64_t late = known.mode == wire::ClockMode::kStepped ? 0 : kOnItsWay;
+  return said.end == 0 && (said.step < known.step || said.time + late < known.time);
+}
+
+std::string placeOf(const wire::Clock& clock) {
+  std::string thousandths = std::to_string(clock.time / 1000 % 1000);
+  thousandths.insert(0, 3 - thousandths.size(), '0');
+  return "step " + std::to_string(clock.step) + ", " + std::to_string(clock.time / 1'000'000) + "." + thousandths + " s";
+}
 
 std::chrono::milliseconds left(Clock::time_point until) {
   return std::max(std::chrono::ceil<std::chrono::milliseconds>(until - Clock::now()), 0ms);
@@ -119,7 +133,9 @@ Result<Mesh> World::ground(lattice::Point at, double radius, double error, Milli
 
 core::SessionClock World::clock() {
   client_->receive(0ms);
-  return client_->connection().clock();
+  auto clock = client_->connection().clock();
+  if (clock.version() > 0 && (lost_ || !isOther(known_, clock.said()))) known_ = clock.said();
+  return clock;
 }
 
 // Waits until the clock heard satisfies `done`.
@@ -133,6 +149,23 @@ Result<void> World::clockUntil(Instant until, const Done& done) {
     if (Clock::now() >= until) return Failure{Fault::kTimeout, "the server did not answer in time"};
     connection.waitForClock(clock.version(), left(until));
   }
+}
+
+Result<void> World::clockHeard(Instant until) {
+  const bool waits = client_->connection().error().has_value();
+  if (auto there = connected(until); !there) return there;
+  if (auto heard = clockUntil(until, [](const core::SessionClock& clock) { return clock.version() > 0; }); !heard) return heard;
+  // Who waits in slices takes a loss at a slice's end for a connection that is not there yet, and calls again: then it is told the rest.
+  if (waits && left(until) < kMoment) return Failure{Fault::kLost, "the connection has only just come back"};
+  return {};
+}
+
+// Why a call has no effect, once.
+std::optional<Failure> World::begunAnew() {
+  const wire::Clock said = client_->connection().clock().said(), known = std::exchange(known_, said);
+  if (!isOther(known, said)) return std::nullopt;
+  return Failure{Fault::kLost, "the server is back without the session's clock, which has begun anew: it was at " + placeOf(known) +
+                                   " and is at " + placeOf(said)};
 }
 
 // Waits until the clock is this member's and satisfies `done`.
@@ -150,12 +183,14 @@ Result<void> World::takeClock(const wire::SetClock& set, Instant until, const Do
     return !refused.empty() || (said.owner == camera() && done(said, clock.version() > before));
   });
   if (taken && !refused.empty()) return Failure{Fault::kRefused, refused};
+  if (taken) known_ = client_->connection().clock().said();
   return taken;
 }
 
 Result<void> World::setClock(wire::ClockMode mode, double rate, Milliseconds timeout) {
   const auto until = Clock::now() + timeout;
-  if (auto there = connected(until); !there) return there;
+  if (auto heard = clockHeard(until); !heard) return heard;
+  if (const auto lost = begunAnew()) return *lost;
   return takeClock({.own = true, .mode = mode, .rate = rate}, until, [&](const wire::Clock& said, bool) {
     return said.mode == mode && (mode != wire::ClockMode::kScaled || said.rate == rate);
   });
@@ -167,8 +202,8 @@ Result<void> World::jump(Microseconds time, Milliseconds timeout) {
   const auto to = std::max<std::uint64_t>(static_cast<std::uint64_t>(time.count()), 1);  // 0 says that it does not jump
   std::optional<Instant> sent;
   for (const auto until = Clock::now() + timeout;;) {
-    if (auto there = connected(until); !there) return there;
-    if (auto heard = clockUntil(until, [](const core::SessionClock& clock) { return clock.version() > 0; }); !heard) return heard;
+    if (auto heard = clockHeard(until); !heard) return heard;
+    if (const auto lost = begunAnew()) return *lost;
     const auto clock = client_->connection().clock();
     const auto now = Clock::now();
     const wire::Clock& said = clock.said();
@@ -195,18 +230,21 @@ Result<void> World::step(Microseconds time, Milliseconds timeout) {
   if (time < 0us || time > 1h) return Failure{Fault::kInvalid, "a step is 1 microsecond to 1 hour"};
   if (time > 0us) {
     unsent_ = time;
-    uncertain_ = false;
+    lost_.reset();
   }
   const auto until = Clock::now() + timeout;
-  const auto uncertain = [&] {
-    uncertain_ = true;
-    return Failure{Fault::kLost, "the connection was lost while a step was under way: read the clock before the next one"};
-  };
-  if (uncertain_) return uncertain();
-  if (awaited_ > 0 && awaitedOf_ != reconnections()) awaited_ = 0, uncertain_ = unsent_ == 0us;
-  if (uncertain_) return uncertain();
+  const Failure unknown{Fault::kLost, "the connection was lost while a step was under way: read the clock before the next one"};
+  if (awaited_ > 0 && awaitedOf_ != reconnections()) {
+    awaited_ = 0;
+    if (unsent_ == 0us) lost_ = unknown;
+  }
+  if (lost_) return *lost_;
   if (unsent_ > 0us) {
-    if (auto there = connected(until); !there) return there;
+    if (auto heard = clockHeard(until); !heard) return heard;
+    if ((lost_ = begunAnew())) {
+      unsent_ = 0us;
+      return *lost_;
+    }
     const wire::Clock said = client_->connection().clock().said();
     if (said.owner != camera() || said.mode != wire::ClockMode::kStepped)
       if (auto mine = setClock(wire::ClockMode::kStepped, 0, left(until)); !mine) {
@@ -225,8 +263,13 @@ Result<void> World::step(Microseconds time, Milliseconds timeout) {
   });
   if (stepped || stepped.error().fault == Fault::kLost) awaited_ = 0;
   if (!refused.empty()) return Failure{Fault::kRefused, refused};
-  if (stepped) return {};
-  return stepped.error().fault == Fault::kLost ? uncertain() : waitedFor();
+  if (stepped) {
+    known_ = client_->connection().clock().said();
+    return {};
+  }
+  if (stepped.error().fault != Fault::kLost) return waitedFor();
+  lost_ = unknown;
+  return unknown;
 }
 
 Result<std::uint64_t> World::edit(const std::string& operation, std::string key, Milliseconds timeout) {
@@ -268,8 +311,8 @@ Failure World::waitedFor() const {
 Result<std::uint64_t> World::nextStep(Milliseconds timeout) {
   if (!follows_) return Failure{Fault::kInvalid, "this member does not follow the clock: join so that it does"};
   for (const auto until = Clock::now() + timeout;;) {
-    if (auto there = connected(until); !there) return there.error();
-    if (auto heard = clockUntil(until, [](const core::SessionClock& clock) { return clock.version() > 0; }); !heard) return heard.error();
+    if (auto heard = clockHeard(until); !heard) return heard.error();
+    if (auto lost = begunAnew()) return *lost;
     const auto clock = client_->connection().clock();
     if (stepOf_ != reconnections()) {
       stepOf_ = reconnections();
@@ -281,9 +324,9 @@ Result<std::uint64_t> World::nextStep(Milliseconds timeout) {
     if (!next && next.error().fault == Fault::kLost && Clock::now() < until) continue;  // the next step of a server that is back
     if (!next && next.error().fault == Fault::kTimeout) return Failure{Fault::kTimeout, "no step began in time"};
     if (!next) return next.error();
-    const wire::Clock said = client_->connection().clock().said();
-    step_ = said.step;
-    return said.time;
+    known_ = client_->connection().clock().said();
+    step_ = known_.step;
+    return known_.time;
   }
 }
 

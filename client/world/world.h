@@ -90,7 +90,8 @@ class World {
   // All triangles over the circle, in metres from `at`, at most `error` metres off.
   Result<Mesh> ground(lattice::Point at, double radius, double error, Milliseconds timeout);
 
-  // The clock as last heard; exact while it is stepped.
+  // The clock as last heard; exact while it is stepped. A server that failed may be back without it: it has then begun anew, and the next
+  // of the calls below is kLost, has no effect, and says so.
   core::SessionClock clock();
   // Takes the clock, if no other member owns it, and sets it.
   Result<void> setClock(wire::ClockMode mode, double rate, Milliseconds timeout);
@@ -135,6 +136,8 @@ class World {
   Result<void> query(const Ask& ask);
   template <class Done>
   Result<void> clockUntil(Instant until, const Done& done);
+  Result<void> clockHeard(Instant until);
+  std::optional<Failure> begunAnew();
   template <class Done>
   Result<void> takeClock(const wire::SetClock& set, Instant until, const Done& done);
   Failure waitedFor() const;
@@ -144,6 +147,7 @@ class World {
   const Milliseconds timeout_;
   const bool follows_;
   query::Ground ground_;
+  wire::Clock known_;                    // to who uses this
   std::uint64_t step_ = 0;               // returned last by nextStep()
   std::optional<std::uint64_t> stepOf_;  // reconnections() then
 
@@ -155,11 +159,10 @@ class World {
   };
   SentEdit edit_;
 
-  // For step(): first `unsent_` is to be sent, then the clock's step `awaited_` to be done. If the connection drops in between, the outcome
-  // is unknown.
+  // For step(): first `unsent_` is to be sent, then the clock's step `awaited_` to be done.
   Microseconds unsent_{0};
   std::uint64_t awaited_ = 0, awaitedOf_ = 0, awaitedSince_ = 0;  // reconnections(), the clock's version() then
-  bool uncertain_ = false;
+  std::optional<Failure> lost_;  // instead, until the next step: its outcome is unknown, or the clock has begun anew
 };
 
 }  // namespace ridgecast::world

@@ -46,6 +46,7 @@ class Renamed final : public terrain::Terrain {
   std::string_view name() const override { return "renamed"; }
   std::string_view source() const override { return terrain_->source(); }
   std::uint32_t seed() const override { return terrain_->seed(); }
+  terrain::Relief relief() const override { return terrain_->relief(); }
   void heights(std::span<const Step> x, std::span<const Step> z, std::span<float> out) const override { terrain_->heights(x, z, out); }
 
  private:

@@ -366,6 +366,41 @@ TEST(KilledServer, ACallSaysSoOrWaitsForItsReturn) {
   EXPECT_EQ(infoOf(world).reconnections, 1u);
 }
 
+// A server of one's own keeps no clock. Nobody goes on as if nothing had happened.
+TEST(KilledServer, ACallSaysOnceThatTheClockHasBegunAnew) {
+  const std::uint16_t port = testing_support::freePort();
+  auto server = std::make_unique<ServerProcess>(RIDGECAST_SERVER, std::vector<std::string>{}, port);
+  rc_join_options options{};
+  options.size = sizeof options;
+  options.follows = 1;
+  const World owner = join(server->url()), follower = join(server->url(), options);
+  const auto step = [&](int steps) {
+    std::thread other([&] {
+      for (int k = 0; k < steps; ++k) EXPECT_EQ(rc_world_next_step(follower.get(), kWait, nullptr), RC_OK) << rc_message();
+      EXPECT_EQ(rc_world_next_step(follower.get(), 0.2, nullptr), RC_TIMEOUT) << "which says that the last one is done";
+    });
+    for (int k = 0; k < steps; ++k) EXPECT_EQ(rc_world_step(owner.get(), 20'000, kWait), RC_OK) << rc_message();
+    other.join();
+  };
+  ASSERT_EQ(rc_world_set_clock(owner.get(), RC_STEPPED, 0, kWait), RC_OK) << rc_message();
+  step(5);
+  server->process().signal(SIGKILL);
+  server.reset();
+  server = std::make_unique<ServerProcess>(RIDGECAST_SERVER, std::vector<std::string>{}, port);
+
+  const std::string why = "begun anew: it was at step 5, 0.";
+  EXPECT_EQ(rc_world_next_step(follower.get(), kWait, nullptr), RC_LOST);
+  EXPECT_NE(std::string(rc_message()).find(why), std::string::npos) << rc_message();
+  clockOf(owner);  // who reads it is told all the same
+  EXPECT_EQ(rc_world_step(owner.get(), 20'000, kWait), RC_LOST);
+  EXPECT_NE(std::string(rc_message()).find(why), std::string::npos) << rc_message();
+  EXPECT_EQ(rc_world_step(owner.get(), 0, kWait), RC_LOST) << "there is none to wait for";
+  EXPECT_EQ(clockOf(owner).step, 0u);
+  ASSERT_EQ(rc_world_set_clock(owner.get(), RC_STEPPED, 0, kWait), RC_OK) << rc_message();
+  step(3);
+  EXPECT_EQ(clockOf(owner).step, 3u);
+}
+
 TEST(KilledServer, WhoIsNotToComeBackIsToldAtOnce) {
   auto server = std::make_unique<ServerProcess>(RIDGECAST_SERVER);
   rc_join_options options{};

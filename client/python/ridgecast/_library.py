@@ -71,8 +71,8 @@ def interruptible(call: Callable[[], Any], undo: Callable[[], Any] = lambda: Non
 
 
 def in_slices(call: Callable[[float], None], timeout: float) -> None:
-    """Repeats a call in short slices, so that Ctrl-C works in between. Repeats after Timeout, and after Lost if the call waited for the
-    connection; a Lost that comes at once is final."""
+    """Repeats a call in short slices, so that Ctrl-C works in between. Repeats after Timeout, and after a Lost at a slice's end, where the
+    call has waited for the connection; one that comes before is final."""
     if not timeout >= 0:
         raise _errors.Invalid("a timeout is 0 seconds or more")
     until = time.monotonic() + timeout
@@ -83,7 +83,7 @@ def in_slices(call: Callable[[float], None], timeout: float) -> None:
             return call(slice)
         except (_errors.Timeout, _errors.Lost) as e:
             now = time.monotonic()
-            if now >= until or (isinstance(e, _errors.Lost) and now - began < slice / 2):
+            if now >= until or (isinstance(e, _errors.Lost) and now - began < slice - 0.002):
                 raise
 
 

@@ -126,7 +126,8 @@ class Clock:
         """Takes the clock if nobody owns it, advances it, and waits until all members that follow it have done the step.
 
         Raises Timeout, which names those that have not; the step is then still under way, and step(0) waits for it again. After Refused
-        there is no step.
+        there is no step. Lost: whether it was done is unknown, read the clock; or the server has lost the clock, which has begun anew,
+        and there is no step. That is raised once, by whichever of set, jump, step and next is called first.
         """
         step = round(seconds * 1e6)
         if seconds != 0 and step < 1:
