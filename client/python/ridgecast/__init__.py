@@ -16,12 +16,13 @@ from ._errors import Error, Invalid, Lost, Refused, Timeout
 from ._library import version as __version__
 from .glb import read_glb
 from .mesh import Mesh
+from .scan import BEAMS, Scan, lidar, pinhole, rosette
 from .server import Server, server
 from .standing import Standing, Tile
 from .terrain import Hits, Terrain
 from .world import Cell, Clock, Iteration, Leaf, Member, World, join
 
 __all__ = [
-    "Cell", "Clock", "Error", "Hits", "Invalid", "Iteration", "Leaf", "Lost", "Member", "Mesh", "Refused", "Server", "Standing", "Terrain", "Tile",
-    "Timeout", "World", "join", "read_glb", "server",
+    "BEAMS", "Cell", "Clock", "Error", "Hits", "Invalid", "Iteration", "Leaf", "Lost", "Member", "Mesh", "Refused", "Scan", "Server", "Standing",
+    "Terrain", "Tile", "Timeout", "World", "join", "lidar", "pinhole", "read_glb", "rosette", "server",
 ]

@@ -1,14 +1,17 @@
 """The true ground: heights, normals, rays."""
 
+import os
+import threading
 import time
 from os import PathLike
-from typing import Any, Callable, Mapping, NamedTuple, Optional, Tuple, Union
+from typing import Any, Callable, List, Mapping, NamedTuple, Optional, Tuple, Union
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ._errors import Invalid
 from ._library import check, doubles, ffi, interruptible, lib, owned, places, real, struct, text
+from .scan import Scan, turned
 from .server import program
 from .standing import Standing
 
@@ -25,6 +28,7 @@ class Questions:
     """The queries of both Terrain and World."""
 
     _terrain: Any
+    _threads = 1  # that a long call takes
 
     def _call(self, count: int, call: Callable[[int, int], Any]) -> None:
         """Calls for `count` places, for so many at a time as take some 10 ms: Ctrl-C works in between. `call` has the first and how many."""
@@ -35,7 +39,37 @@ class Questions:
             first += some
             if first >= count:
                 return
-            some = some * 2 if time.perf_counter() - began < 0.01 else max(1, some // 2)
+            if time.perf_counter() - began < 0.01:
+                some *= 2
+            elif self._threads > 1 and count - first > some:
+                return self._share(first, some, count, call)
+            else:
+                some = max(1, some // 2)
+
+    def _share(self, first: int, some: int, count: int, call: Callable[[int, int], Any]) -> None:
+        turns = threading.Lock()
+        failures: List[BaseException] = []
+
+        def work() -> None:
+            nonlocal first
+            try:
+                while not failures:
+                    with turns:
+                        begin, first = first, first + some
+                    if begin >= count:
+                        return
+                    check(call(begin, min(some, count - begin)))
+            except BaseException as e:
+                failures.append(e)
+
+        others = [threading.Thread(target=work, daemon=True) for _ in range(self._threads - 1)]
+        for other in others:
+            other.start()
+        work()
+        for other in others:
+            other.join()
+        if failures:
+            raise failures[0].with_traceback(None)
 
     def heights(self, xz: ArrayLike) -> NDArray[np.float32]:
         """Heights in metres, float32 (...), at places (..., 2)."""
@@ -81,6 +115,39 @@ class Questions:
         out[nowhere, 0] = np.inf
         return Hits(out[:, 0].reshape(shape), out[:, 1:4].reshape(shape + (3,)), out[:, 4:].reshape(shape + (3,)))
 
+    def scan(self, at: ArrayLike, pattern: ArrayLike, *, yaw: ArrayLike = 0.0, pitch: ArrayLike = 0.0, roll: ArrayLike = 0.0,
+             reach: float = 100.0, noise: float = 0.0, dropouts: float = 0.0, seed: int = 0) -> Scan:
+        """What sensors at points (..., 3) measure whose beams are the pattern (k..., 3): `rc.lidar(64)`, `rc.rosette()`, `rc.pinhole(...)`, or
+        directions of your own in the sensor's frame.
+
+        yaw (clockwise from north, where -z is), pitch (up), roll (to the right), radians: of all sensors or each (...). noise: the standard
+        deviation of distances, metres; dropouts: how many of a ray's echoes are lost, 0 to 1. Both are the same for the same seed.
+        """
+        if not (noise >= 0 and 0 <= dropouts <= 1):
+            raise Invalid("noise is 0 or more, and dropouts are 0 to 1")
+        sensors = places(at, 3, "points")
+        try:
+            beams = turned(pattern, *np.broadcast_arrays(yaw, pitch, roll, np.zeros(sensors.shape[:-1]))[:3])
+        except ValueError:
+            raise Invalid(f"yaw, pitch and roll are one number each, or of the points' shape, {sensors.shape[:-1]}") from None
+        hits = self.rays(sensors.reshape(sensors.shape[:-1] + (1,) * (beams.ndim - sensors.ndim) + (3,)), beams, reach)
+        random = np.random.default_rng(seed)
+        back = np.isfinite(hits.distance)
+        if dropouts:
+            back &= random.random(back.shape) >= dropouts
+        shift = np.where(back, random.normal(0, noise, back.shape) if noise else 0, np.nan)
+        return Scan(np.where(back, np.maximum(hits.distance + np.nan_to_num(shift), 0), np.inf).astype(np.float32),
+                    hits.at + beams * shift[..., None],
+                    np.where(back[..., None], hits.normal, np.nan).astype(np.float32))
+
+    def sees(self, a: ArrayLike, b: ArrayLike) -> NDArray[np.bool_]:
+        """Whether no ground lies between points a and b, (..., 3), at most 1e5 m apart: bool (...). The last centimetre does not count."""
+        begin, end = np.broadcast_arrays(places(a, 3, "points"), places(b, 3, "points"))
+        towards = end - begin
+        reach = np.linalg.norm(towards, axis=-1)
+        towards[reach == 0] = (0, 1, 0)
+        return np.asarray(np.isinf(self.rays(begin, towards, np.maximum(reach - 0.01, 0)).distance))
+
     def standing(self, spacing: float = 1.0, radius: Optional[float] = None, memory: int = 50_000_000) -> Standing:
         """Ground under bodies: heights `spacing` metres apart (a multiple of 1/64), `radius` metres around each (default: 32 times the
         spacing), in at most `memory` bytes."""
@@ -93,7 +160,7 @@ class Questions:
 
 
 class Terrain(Questions):
-    """A terrain, without a server.
+    """A terrain, without a server. Long calls take all cores.
 
     name: "alpine", "canyon", "archipelago"; a terrain file (.glsl; needs a C++ compiler, and seconds the first time); or a height map
     (.tif, .png, .asc, .hgt, .r16, .raw)
@@ -114,6 +181,7 @@ class Terrain(Questions):
         spelt = text(name)
         interruptible(lambda: lib.rc_terrain_open(spelt, options, out), lambda: lib.rc_terrain_close(out[0]))
         self._terrain = owned(out[0], lib.rc_terrain_close)
+        self._threads = len(os.sched_getaffinity(0))
         self.name = str(name)
         self.seed = seed
         self.parameters = dict(parameters or {})
