@@ -22,7 +22,7 @@ namespace ridgecast::ground {
 inline constexpr int kLevels = 7;                               // cells of 1/4 m to 1,024 m
 inline constexpr int kCellsBits = 2, kCells = 1 << kCellsBits;  // along a square's side
 inline constexpr int kFinestCellBits = 6;                       // steps
-inline constexpr int kMaxKept = 50'000;                         // squares of one generation: 31 MiB
+inline constexpr int kMaxKept = 100'000;                        // squares of one generation: 28 MiB
 inline constexpr int kMaxKeptRises = 4'096;                     // of one edited terrain
 inline constexpr int kWidestWithEdits = 4;                      // level: looking at all edits of a wider square takes too long
 

@@ -26,8 +26,8 @@ class Recent {
   class Generation;
 
  public:
-  // At most 2 x `most` values.
-  explicit Recent(std::size_t most) : most_(most), younger_(std::make_shared<Generation>(most)) {}
+  // At most 2 x `most` values; an eighth of that while all Recents of a process together have more than 4 x `most`.
+  explicit Recent(std::size_t most) : most_(most), younger_(std::make_shared<Generation>(few(), most)) {}
 
   // Finds and makes values, which live as long as this. One thread at a time; any number of them.
   class Reader {
@@ -63,7 +63,8 @@ class Recent {
     };
 
    public:
-    explicit Generation(std::size_t most) : most_(most) {
+    // `most` of this one; of one that is alone, `alone`.
+    Generation(std::size_t most, std::size_t alone) : most_(most), alone_(alone) {
       std::size_t slots = 64;
       while (slots < 2 * most) slots *= 2;
       slots_ = std::vector<std::atomic<Entry*>>(slots);
@@ -71,9 +72,13 @@ class Recent {
     Generation(const Generation&) = delete;
     ~Generation() {
       for (auto& slot : slots_) delete slot.load(std::memory_order_relaxed);
+      inAll_ -= count_;
     }
     // Others may add while this is looked at: somewhat before the table would be.
-    bool isFull() const { return count_.load(std::memory_order_relaxed) >= most_; }
+    bool isFull() const {
+      const std::size_t count = count_.load(std::memory_order_relaxed);
+      return count >= most_ || (count >= alone_ / 16 && areMany(alone_));
+    }
 
     const Value* find(const Square& square) const {
       for (std::size_t k = hash(square);; ++k) {
@@ -89,6 +94,7 @@ class Recent {
         Entry* there = nullptr;
         if (slot.compare_exchange_strong(there, made.get(), std::memory_order_acq_rel)) {
           count_.fetch_add(1, std::memory_order_relaxed);
+          inAll_.fetch_add(1, std::memory_order_relaxed);
           return made.release()->value;
         }
         if (there->square == square) return there->value;  // another thread was first
@@ -100,7 +106,7 @@ class Recent {
       return static_cast<std::size_t>(lattice::mix(static_cast<std::uint64_t>(s.i) * 0x9e3779b97f4a7c15u +
                                                    lattice::mix(static_cast<std::uint64_t>(s.j) * 8 + static_cast<unsigned>(s.level))));
     }
-    const std::size_t most_;
+    const std::size_t most_, alone_;
     std::vector<std::atomic<Entry*>> slots_;
     std::atomic<std::size_t> count_ = 0;
   };
@@ -109,11 +115,15 @@ class Recent {
     const std::lock_guard lock(mutex_);
     if (younger_->isFull()) {
       older_ = std::move(younger_);
-      younger_ = std::make_shared<Generation>(most_);
+      younger_ = std::make_shared<Generation>(areMany(most_) ? few() : most_, most_);
     }
     return {younger_, older_};
   }
 
+  static bool areMany(std::size_t most) { return inAll_.load(std::memory_order_relaxed) > 4 * most; }
+  std::size_t few() const { return most_ / 16 + 1; }
+
+  inline static std::atomic<std::size_t> inAll_ = 0;  // values
   const std::size_t most_;
   std::mutex mutex_;
   std::shared_ptr<Generation> younger_, older_;

@@ -342,17 +342,34 @@ TEST(Rays, HaveEqualBitsWithAnyInstructionsCompanyAndThreads) {
   }
 }
 
-TEST(Recent, KeepsTheLastUsedAndNoMore) {
-  struct Counted {
-    explicit Counted(int value) : value(value) { ++alive(); }
-    Counted(const Counted& other) : value(other.value) { ++alive(); }
-    ~Counted() { --alive(); }
-    static std::atomic<int>& alive() {
-      static std::atomic<int> count{0};
-      return count;
+struct Counted {
+  explicit Counted(int value) : value(value) { ++alive(); }
+  Counted(const Counted& other) : value(other.value) { ++alive(); }
+  ~Counted() { --alive(); }
+  static std::atomic<int>& alive() {
+    static std::atomic<int> count{0};
+    return count;
+  }
+  int value;
+};
+
+TEST(Recent, ManyKeepLittleMoreThanAFew) {
+  {
+    std::vector<std::unique_ptr<Recent<Counted>>> all;
+    for (int n = 0; n < 50; ++n) {
+      Recent<Counted>::Reader reader(*all.emplace_back(std::make_unique<Recent<Counted>>(160)));
+      for (int k = 0; k < 1000; ++k) EXPECT_EQ(reader.at({k, 0, 1}, [&] { return Counted(k); }).value, k);
     }
-    int value;
-  };
+    EXPECT_LE(Counted::alive(), 4 * 160 + 2 * 160 + 50 * 2 * 12);
+    for (const auto& recent : all) {
+      Recent<Counted>::Reader reader(*recent);
+      EXPECT_EQ(reader.at({999, 0, 1}, [&]() -> Counted { throw std::logic_error("forgotten"); }).value, 999);
+    }
+  }
+  EXPECT_EQ(Counted::alive(), 0);
+}
+
+TEST(Recent, KeepsTheLastUsedAndNoMore) {
   {
     Recent<Counted> recent(100);
     std::atomic<int> made{0};
