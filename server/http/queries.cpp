@@ -164,7 +164,7 @@ Outcome<Enter> posted(const QueryForm& form, BodyType type, std::string_view que
   const auto crs = queryParameter(query, "crs");
   if (!crs) return crs.error();
   const std::size_t most = mostBytes(form, type);
-  std::string tooLong = "The body has more than " + std::to_string(most) + " bytes; ask for at most " + std::to_string(form.mostInBody) +
+  std::string tooLong = "The body has more than " + std::to_string(most) + " bytes; ask for at most " + std::to_string(kMaxPosted) +
                         (form.kind == QueryKind::kRays ? " rays" : " places") + " at a time.";
   return Enter([=, &form, option = *option, crs = *crs](std::shared_ptr<session::Session> session) {
     auto task = std::make_shared<QueryTask>(form, std::move(session), client);

@@ -10,7 +10,7 @@
 // to kMaxHttpPlaces and kMaxHttpRays. The numbers equal those of the socket's queries, digit for digit. The header Ridgecast-Edit names the
 // last edit in the answer's ground; in a request, one that it must include.
 //
-// POST asks for up to kMaxPostedPlaces and kMaxPostedRays, by its Content-Type:
+// POST asks for up to kMaxPosted places or rays, by its Content-Type:
 //   application/json            {"at": [[x, z], ...], "spacing": metres} or {"rays": [[x, y, z, dx, dy, dz], ...], "reach": metres},
 //                               answered as GET is
 //   application/octet-stream    little-endian doubles, two or six of each; answered by floats, one a height and three a normal, or by
@@ -28,7 +28,7 @@ namespace ridgecast::http {
 
 inline constexpr std::size_t kMaxHttpPlaces = 1000, kMaxHttpRays = 64;
 // The rays' heights are then at most about as many as the budget has in a second.
-inline constexpr std::size_t kMaxPostedPlaces = 100'000, kMaxPostedRays = 1000;
+inline constexpr std::size_t kMaxPosted = 100'000;
 
 Route queryRoute(std::shared_ptr<directory::Directory> directory);
 

@@ -30,9 +30,9 @@ constexpr char kReach[] = "reach is the length of the rays, 0 to 100000 metres."
 using wire::QueryKind;
 constexpr std::size_t kValuesATime = 256;  // of JSON
 constexpr std::array<QueryForm, 3> kForms{{
-    {QueryKind::kHeights, "/v1/heights", "at", "at", 2, kMaxHttpPlaces, kMaxPostedPlaces, kPlace, "spacing", kSpacing},
-    {QueryKind::kNormals, "/v1/normals", "at", "at", 2, kMaxHttpPlaces, kMaxPostedPlaces, kPlace, "spacing", kSpacing},
-    {QueryKind::kRays, "/v1/rays", "ray", "rays", 6, kMaxHttpRays, kMaxPostedRays, kRay, "reach", kReach},
+    {QueryKind::kHeights, "/v1/heights", "at", "at", 2, kMaxHttpPlaces, kPlace, "spacing", kSpacing},
+    {QueryKind::kNormals, "/v1/normals", "at", "at", 2, kMaxHttpPlaces, kPlace, "spacing", kSpacing},
+    {QueryKind::kRays, "/v1/rays", "ray", "rays", 6, kMaxHttpRays, kRay, "reach", kReach},
 }};
 
 constexpr double kFarthest = static_cast<double>(lattice::kMaxPosition) * lattice::kMetresPerStep;
@@ -40,7 +40,7 @@ bool inLattice(double metres) { return std::abs(metres) <= kFarthest; }
 lattice::Step steps(double metres) { return static_cast<lattice::Step>(std::floor(metres * lattice::kStepsPerMetre + 0.5)); }
 
 Error countError(const QueryForm& form) {
-  return Error{"A body has 1 to " + std::to_string(form.mostInBody) + (form.kind == QueryKind::kRays ? " rays." : " places.")};
+  return Error{"A body has 1 to " + std::to_string(kMaxPosted) + (form.kind == QueryKind::kRays ? " rays." : " places.")};
 }
 Error wrongOne(const QueryForm& form, std::size_t index) {
   return Error{std::string(form.isOne) + "; number " + std::to_string(index + 1) + " is not."};
@@ -90,7 +90,7 @@ std::optional<BodyType> bodyTypeOf(std::string_view contentType) {
 }
 
 std::size_t mostBytes(const QueryForm& form, BodyType type) {
-  return form.mostInBody * form.numbers * (type == BodyType::kJson ? 32 : sizeof(double));
+  return kMaxPosted * form.numbers * (type == BodyType::kJson ? 32 : sizeof(double));
 }
 
 Outcome<std::optional<double>> optionOf(const QueryForm& form, std::string_view query) {
@@ -146,7 +146,7 @@ std::optional<Outcome<wire::Query>> BodyReader::read() {
   }
   for (std::size_t k = 0; k < kValuesATime; ++k) {
     const bool right = in_ == In::kStart ? (in_ = In::kObject, take("{")) : in_ == In::kObject ? member() : one();
-    if (numbers_.size() > form_.mostInBody * form_.numbers) return countError(form_);
+    if (numbers_.size() > kMaxPosted * form_.numbers) return countError(form_);
     if (!right)
       return Error{rays ? R"(The body must be {"rays": [[x, y, z, dx, dy, dz], ...], "reach": metres}, of which reach may be absent.)"
                         : R"(The body must be {"at": [[x, z], ...], "spacing": metres}, of which spacing may be absent.)"};

@@ -21,7 +21,7 @@ struct QueryForm {
   std::string_view path;
   std::string_view parameter, list;  // that name what is asked: in a URL, in JSON
   std::size_t numbers;               // of each
-  std::size_t mostInUrl, mostInBody;
+  std::size_t mostInUrl;
   const char* isOne;        // each
   std::string_view option;  // in a URL and in JSON
   const char* isOption;

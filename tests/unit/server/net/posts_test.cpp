@@ -112,8 +112,8 @@ TEST_F(PostsTest, MayMakeTheirWorld) {
 }
 
 TEST_F(PostsTest, OfTooManyBytesAreRefusedUnread) {
-  const std::string most = std::to_string(ridgecast::http::kMaxPostedPlaces * 16);
-  for (const std::size_t bytes : {ridgecast::http::kMaxPostedPlaces * 16 + 1, std::size_t{100'000'000'000}}) {
+  const std::string most = std::to_string(ridgecast::http::kMaxPosted * 16);
+  for (const std::size_t bytes : {ridgecast::http::kMaxPosted * 16 + 1, std::size_t{100'000'000'000}}) {
     const std::string answer = ask(head("/v1/heights", "Expect: 100-continue\r\n" + length(bytes)));
     EXPECT_THAT(answer, StartsWith("HTTP/1.1 413"));
     EXPECT_THAT(answer, HasSubstr("The body has more than " + most + " bytes; ask for at most 100000 places at a time.\n"));
@@ -179,7 +179,7 @@ TEST_F(PostsTest, LargeOnesHoldNobodyUp) {
   settings.promptJobs = {1, 64, 0};
   start();
   const std::string large =
-      post(bytesOf(std::vector<double>(2 * ridgecast::http::kMaxPostedPlaces, 77)), "/v1/normals", "X-Forwarded-For: 192.0.2.1\r\n");
+      post(bytesOf(std::vector<double>(2 * ridgecast::http::kMaxPosted, 77)), "/v1/normals", "X-Forwarded-For: 192.0.2.1\r\n");
   // 4 million heights, of which their client's budget lets 8 million pass a second, a quarter of a second's at once.
   constexpr std::size_t kLarge = 10;
   std::atomic<std::size_t> done{0};

@@ -202,7 +202,7 @@ std::string bytesOf(const std::vector<Number>& list) {
 }
 
 TEST_F(QueryHttpTest, APostedQueryIsAnsweredByTheTerrainsOwnBits) {
-  constexpr std::size_t kCount = http::kMaxPostedPlaces;
+  constexpr std::size_t kCount = http::kMaxPosted;
   support::Random random(9);
   std::vector<double> places;
   std::vector<Step> x, z;
@@ -242,7 +242,7 @@ TEST_F(QueryHttpTest, PostedRaysToo) {
   support::Random random(4);
   std::vector<double> numbers, expected;
   const auto uniform = [&](double low, double high) { return low + static_cast<double>(random() >> 11) * 0x1p-53 * (high - low); };
-  for (std::size_t k = 0; k < http::kMaxPostedRays; ++k) {
+  for (std::size_t k = 0; k < http::kMaxPosted; ++k) {
     const auto x = support::between(random, -1'000'000, 1'000'000), z = support::between(random, -1'000'000, 1'000'000);
     const ground::Ray ray{x, z, uniform(0, 4000), uniform(-1, 1), uniform(-1, 0.1), uniform(-1, 1), 3000};
     numbers.insert(numbers.end(),
@@ -381,7 +381,7 @@ TEST_F(QueryHttpTest, WorldsThatTakeLongAreMadeByWork) {
 }
 
 TEST_F(QueryHttpTest, WhoAsksForMuchPaysFromItsBudget) {
-  const std::vector<double> places(2 * http::kMaxPostedPlaces);
+  const std::vector<double> places(2 * http::kMaxPosted);
   const auto budgets = directory->find("default")->budgetsOf("address 192.0.2.1");
   const auto begin = std::chrono::steady_clock::now();
   for (int k = 0; k < 3; ++k) EXPECT_EQ(post("/v1/normals", bytesOf(places), kDoubles).status, 200u);
