@@ -112,7 +112,8 @@ File& of(sqlite3_file* file) { return *reinterpret_cast<File*>(file); }
 Content* contentOf(sqlite3_file* file) { return state->isOff ? nullptr : of(file).content; }
 
 void sync(Content& content) {
-  if (content.isNewJournal) state->removed.clear();
+  const auto folderOf = [](const std::string& path) { return std::filesystem::path(path).parent_path(); };
+  if (content.isNewJournal) std::erase_if(state->removed, [&](const auto& file) { return folderOf(file.first) == folderOf(content.path); });
   content.isNewJournal = false;
   std::fstream file(content.path, std::ios::binary | std::ios::in | std::ios::out);
   for (const Write& write : content.unsynced) {
