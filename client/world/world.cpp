@@ -241,7 +241,8 @@ Result<void> World::step(Microseconds time, Milliseconds timeout) {
   if (lost_) return *lost_;
   if (unsent_ > 0us) {
     if (auto heard = clockHeard(until); !heard) return heard;
-    if ((lost_ = begunAnew())) {
+    lost_ = begunAnew();
+    if (lost_) {
       unsent_ = 0us;
       return *lost_;
     }

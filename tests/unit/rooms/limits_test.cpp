@@ -42,6 +42,7 @@ const std::map<std::string, std::vector<std::string>> kTests{
     {"edits: ",
      {"HostileOnesAreRefusedAndDisturbNobody", "WhatWaitsIsBounded", "AreTakenWhenAskedAndGivenBack", "BytesOfEditsHaveABudget"}},
     {"room for edits", {"MemoryIsBounded", "AreTakenWhenAskedAndGivenBack", "OfOnlySoManySessionsAreKept", "OneBeginsHalfOfTheLogs"}},
+    {"bounds of the ground", {"KeepsTheLastUsedAndNoMore", "ManyKeepLittleMoreThanAFew"}},
     {"edits that are told", {"WaitForWhoDoesNotReadAndAreCodedOnceForAll", "ThatNobodyReadsTakeNoRoom"}},
     {"queries: ",
      {"WhatExceedsAMembersBudgetWaits", "ManyConnectionsOfOneClientHaveOneBudget", "LongRaysLeaveOthersTheirTurns",
