@@ -45,7 +45,7 @@ Reader::Reader(const terrain::Terrain& terrain)
       kept_(keptWith<Bounds, kMaxKept>(terrain.unedited())) {
   if (isMap_) {
     finestOfMap_ = ground_.raster()->shape().finest() * lattice::kMetresPerStep;
-    while (coarsestOfMap_ + 1 < kLevels && 2 * cellMetres(coarsestOfMap_ + 1) <= finestOfMap_) ++coarsestOfMap_;
+    while (coarsestWithCorners_ > 0 && 2 * cellMetres(coarsestWithCorners_) > finestOfMap_) --coarsestWithCorners_;
   }
   if (!edits_) return;
   expects(&terrain != &ground_, "who has edits has a ground without them");
@@ -127,7 +127,7 @@ Bounds Reader::ofMap(const Square& square) {
   const terrain::RasterShape& shape = map.shape();
   const int bits = cellBits(square.level);
   const Step cornerX = (square.i << bits) * kCells, cornerZ = (square.j << bits) * kCells;
-  const bool hasCorners = square.level <= coarsestOfMap_;
+  const bool hasCorners = square.level <= coarsestWithCorners_;
   Bounds out;
   if (hasCorners) {
     std::array<Step, (kCells + 1) * (kCells + 1)> x, z;

@@ -1,11 +1,11 @@
 #pragma once
 // Internal to the room: bounds of the ground over squares of the lattice, made where they are asked for and kept with the terrain.
 //
-// A square of level k has 4 x 4 cells with a side of 1/4 m x 4^k: it is a cell of level k + 1. The
-// ground over a cell lies below its `high`, and no further from the bilinear surface through its corners than that is from the highest of
-// them: by its margin. Proven for height maps (terrain::Relief), measured for octaves:
-// there the margin is made from the second differences of the heights at the corners, of wide cells also around the square. Its constants
-// were chosen by comparing 17 x 17 heights in each of 1.2 million cells of the built-in terrains: the worst was off by 0.89 of the margin.
+// A square of level k has 4 x 4 cells with a side of 1/4 m x 4^k: it is a cell of level k + 1. The ground over a cell lies below its
+// `high`, and no further from the bilinear surface through its corners than that is from the highest of them: by its margin. Proven for
+// height maps (terrain::Relief), measured for octaves: there the margin is made from the second differences of the heights at the
+// corners, of wide cells also around the square. Its constants were chosen by comparing 17 x 17 heights in each of 1.2 million cells of
+// the built-in terrains: the worst was off by 0.89 of the margin.
 
 #include <array>
 #include <atomic>
@@ -46,7 +46,7 @@ class Lowered {
 };
 
 struct Bounds {
-  std::array<float, (kCells + 1) * (kCells + 1)> corner{};  // metres, along x first; of maps only up to coarsestOfMap()
+  std::array<float, (kCells + 1) * (kCells + 1)> corner{};  // metres, along x first; up to coarsestWithCorners()
   std::array<float, kCells * kCells> high{};                // metres; where there are corners, the highest of the cell's and the margin
   std::array<Lowered, kCells * kCells> lowered{};           // at most that
   float highest = 0;                                        // of `high`
@@ -64,9 +64,8 @@ class Reader {
   const Bounds& bounds(const Square& square);
   Rises rises(const Square& square);
   bool isMap() const { return isMap_; }
-  // The coarsest level whose corners follow the ground of a map.
-  int coarsestOfMap() const { return coarsestOfMap_; }
-  double finestOfMap() const { return finestOfMap_; }  // metres between its samples
+  int coarsestWithCorners() const { return coarsestWithCorners_; }  // level: those of a map's wider squares do not follow its ground
+  double finestOfMap() const { return finestOfMap_; }               // metres between its samples
   int widest() const { return edits_ ? kWidestWithEdits : kLevels - 1; }
   double highest() const { return highest_; }  // no ground is higher
   std::uint64_t heights() const { return heights_; }
@@ -78,7 +77,7 @@ class Reader {
   const terrain::Terrain& ground_;  // without edits
   const terrain::Raster* const edits_;
   const bool isMap_;
-  int coarsestOfMap_ = 0;
+  int coarsestWithCorners_ = kLevels - 1;
   double finestOfMap_ = 0;
   double highest_;
   Recent<Bounds>::Reader kept_;

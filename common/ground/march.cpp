@@ -4,7 +4,7 @@
 #include <array>
 #include <cmath>
 
-#include "common/outcome/contract.h"
+#include "common/ground/direction.h"
 
 namespace ridgecast::ground {
 
@@ -15,15 +15,8 @@ namespace {
 // Heights of the ray above the ground at distances along it.
 class Above {
  public:
-  Above(const terrain::Terrain& terrain, const Ray& ray, std::uint64_t* taken) : terrain_(terrain), ray_(ray), taken_(taken) {
-    // Scaled before squaring, so that every finite length has a direction.
-    const double most = std::max({std::abs(ray.directionX), std::abs(ray.directionY), std::abs(ray.directionZ)});
-    expects(most > 0 && std::isfinite(most), "a ray has a direction");
-    expects(std::isfinite(ray.reach), "a ray ends");
-    const double x = ray.directionX / most, y = ray.directionY / most, z = ray.directionZ / most;
-    const double length = std::sqrt(x * x + y * y + z * z);
-    x_ = x / length, y_ = y / length, z_ = z / length;
-  }
+  Above(const terrain::Terrain& terrain, const Ray& ray, std::uint64_t* taken)
+      : terrain_(terrain), ray_(ray), taken_(taken), towards_(directionOf(ray)) {}
 
   // False if a distance lies beyond the lattice. Those before it are answered; `count` says how many.
   bool at(std::span<const double> distances, std::span<double> above, std::size_t& count) const {
@@ -32,13 +25,13 @@ class Above {
     std::array<float, kMax> height;
     for (count = 0; count < distances.size(); ++count) {
       const double t = distances[count];
-      x[count] = ray_.x + static_cast<Step>(std::floor(x_ * t * lattice::kStepsPerMetre + 0.5));
-      z[count] = ray_.z + static_cast<Step>(std::floor(z_ * t * lattice::kStepsPerMetre + 0.5));
+      x[count] = ray_.x + static_cast<Step>(std::floor(towards_.x * t * lattice::kStepsPerMetre + 0.5));
+      z[count] = ray_.z + static_cast<Step>(std::floor(towards_.z * t * lattice::kStepsPerMetre + 0.5));
       if (!lattice::positionIsValid(x[count], z[count])) break;
     }
     terrain_.heights(std::span(x).first(count), std::span(z).first(count), std::span(height).first(count));
     if (taken_) *taken_ += count;
-    for (std::size_t k = 0; k < count; ++k) above[k] = ray_.y + y_ * distances[k] - height[k];
+    for (std::size_t k = 0; k < count; ++k) above[k] = ray_.y + towards_.y * distances[k] - height[k];
     return count == distances.size();
   }
 
@@ -46,7 +39,7 @@ class Above {
   const terrain::Terrain& terrain_;
   const Ray& ray_;
   std::uint64_t* const taken_;
-  double x_, y_, z_;
+  const Direction towards_;
 };
 
 }  // namespace

@@ -4,7 +4,7 @@
 #include <cmath>
 #include <limits>
 
-#include "common/outcome/contract.h"
+#include "common/ground/direction.h"
 
 namespace ridgecast::ground {
 
@@ -23,13 +23,8 @@ int finestAt(double t) { return t < 32 ? 0 : t < 200 ? 1 : 2; }
 }  // namespace
 
 Walk::Walk(const Ray& ray, const Reader& reader) : x_(ray.x), z_(ray.z), y_(ray.y) {
-  // Scaled before squaring, so that every finite length has a direction.
-  const double most = std::max({std::abs(ray.directionX), std::abs(ray.directionY), std::abs(ray.directionZ)});
-  expects(most > 0 && std::isfinite(most), "a ray has a direction");
-  expects(std::isfinite(ray.reach), "a ray ends");
-  const double x = ray.directionX / most, y = ray.directionY / most, z = ray.directionZ / most;
-  const double length = std::sqrt(x * x + y * y + z * z);
-  dx_ = x / length * lattice::kStepsPerMetre, dy_ = y / length, dz_ = z / length * lattice::kStepsPerMetre;
+  const Direction towards = directionOf(ray);
+  dx_ = towards.x * lattice::kStepsPerMetre, dy_ = towards.y, dz_ = towards.z * lattice::kStepsPerMetre;
   perX_ = dx_ == 0 ? kNever : 1 / dx_, perZ_ = dz_ == 0 ? kNever : 1 / dz_;
   if (!lattice::positionIsValid(ray.x, ray.z)) return;
   end_ = ray.reach;
@@ -103,23 +98,17 @@ bool Walk::next(Near& near, Stretch& out) {
   while (t_ < end_ || (t_ == 0 && end_ == 0)) {
     const Near::Entry& entry = near.at({i_ >> kCellsBits, j_ >> kCellsBits, level_});
     const double until = std::min(leaves(), end_);
-    const int finest = reader.isMap() ? std::min(finestAt(t_), reader.coarsestOfMap()) : finestAt(t_);
+    const int finest = std::min(finestAt(t_), reader.coarsestWithCorners());
     const float high = level_ > finest ? entry.bounds->lowered[slot()].metres() : entry.bounds->high[slot()];
     const double lowest = y_ + std::min(dy_ * t_, dy_ * until);
-    if (lowest > static_cast<double>(high) + entry.rises.highest) {
+    const bool narrows = level_ > finest && level_ <= reader.coarsestWithCorners();
+    if (lowest > static_cast<double>(high) + entry.rises.highest || (narrows && !inCell(entry, until, reader, out))) {
       if (until >= end_) return t_ = end_, false;
       step();
       continue;
     }
     if (level_ > finest) {
-      if (!reader.isMap() || level_ <= reader.coarsestOfMap()) {
-        if (!inCell(entry, until, reader, out)) {
-          if (until >= end_) return t_ = end_, false;
-          step();
-          continue;
-        }
-        t_ = std::max(t_, out.from);
-      }
+      if (narrows) t_ = std::max(t_, out.from);
       const Lowered& bound = entry.bounds->lowered[slot()];
       bound.lower(near.at({i_, j_, level_ - 1}).highest());
       descend();

@@ -32,8 +32,8 @@ class Near {
     Rises rises;
     // Of the bounds that rays meet on the way here, wherever they come from: those of cells that may be the finest are not lowered.
     float highest() const {
-      float most = bounds->lowered[0].metres();
       if (square.level <= kCoarsestOfOctaves) return bounds->highest;
+      float most = bounds->lowered[0].metres();
       for (const Lowered& bound : bounds->lowered) most = std::max(most, bound.metres());
       return most;
     }
