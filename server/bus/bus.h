@@ -81,7 +81,8 @@ class Bus {
 
   // ---- messages ----
 
-  // To all other servers that hear this channel now. Those of one server arrive in their order.
+  // To all other servers that hear this channel now. Those of one server arrive in their order, whatever their channels, and before what
+  // another tells after it has heard one of them.
   virtual void tell(const std::string& channel, std::string message) = 0;
   virtual Subscription hear(const std::string& channel, std::function<void(const std::string& message)> heard) = 0;
 

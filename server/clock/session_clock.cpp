@@ -151,23 +151,23 @@ std::uint64_t SessionClock::time() const {
   return shared_ ? shared_->time(sharedNow()) : clock_.time(timer_.now());
 }
 
-std::set<std::uint64_t> SessionClock::endsStep(std::uint64_t camera, std::uint64_t step) const {
+bool SessionClock::endsStepHere(std::uint64_t camera, std::uint64_t step) const {
   const Lock lock(mutex_);
-  const Clock::State& all = clock_.all();
-  const bool ends = !shared_ && all.step == step && all.waitsFor == std::set{camera};
-  return ends ? listeners() : std::set<std::uint64_t>();
+  const Clock::State& all = shown().all();
+  if (all.step != step || !all.waitsFor.contains(camera)) return false;
+  return (shared_ ? shared_->undone([&](std::uint64_t member) { return entries_.contains(member); }) : all.waitsFor) == std::set{camera};
 }
 
-std::set<std::uint64_t> SessionClock::beginsStep(std::uint64_t camera) const {
+bool SessionClock::beginsStep(std::uint64_t camera) const {
   const Lock lock(mutex_);
-  const Clock::State& all = clock_.all();
-  const bool begins = !shared_ && all.mode == wire::ClockMode::kStepped && all.owner == camera && all.waitsFor.empty();
-  return begins ? listeners() : std::set<std::uint64_t>();
+  const Clock::State& all = shown().all();
+  return all.mode == wire::ClockMode::kStepped && all.owner == camera && all.waitsFor.empty();
 }
 
 std::set<std::uint64_t> SessionClock::listeners() const {
-  std::set<std::uint64_t> all = clock_.all().followers;
-  if (clock_.owner() != 0) all.insert(clock_.owner());
+  const Lock lock(mutex_);
+  std::set<std::uint64_t> all = shown().all().followers;
+  if (shown().owner() != 0) all.insert(shown().owner());
   return all;
 }
 
@@ -238,22 +238,25 @@ void SessionClock::send(Entry& entry, std::uint64_t echo, std::string notice, bo
 
 // ---- shared with other servers ----
 
-void SessionClock::share(std::shared_ptr<bus::Bus> bus, std::string key) {
+void SessionClock::share(std::shared_ptr<bus::Bus> bus, std::string key, std::function<void()> beforeStep) {
   {
     Lock lock(mutex_);
     expects(!bus_ && entries_.empty() && !goBack_, "a clock is shared before anybody has it");
     bus_ = std::move(bus);
     key_ = std::move(key);
+    beforeStep_ = std::move(beforeStep);
     shared_.emplace(bus_->server(), clock_.all().mode, sharedNow());
   }
-  const auto hear = [weak = weak_from_this()](void (SharedClock::*heard)(const std::string&, const SharedClock::Now&)) {
-    return [weak, heard](const std::string& message) {
-      if (const auto self = weak.lock())
-        self->use([&](SharedClock& shared, const SharedClock::Now& now) { (shared.*heard)(message, now); });
-    };
-  };
-  told_ = bus_->hear(key_, hear(&SharedClock::heardTold));
-  calls_ = bus_->hear(key_ + kCalls, hear(&SharedClock::heardCalls));
+  told_ = bus_->hear(key_, [weak = weak_from_this()](const std::string& message) {
+    const auto self = weak.lock();
+    if (!self) return;
+    self->announceStep(message);
+    self->use([&](SharedClock& shared, const SharedClock::Now& now) { shared.heardTold(message, now); });
+  });
+  calls_ = bus_->hear(key_ + kCalls, [weak = weak_from_this()](const std::string& message) {
+    if (const auto self = weak.lock())
+      self->use([&](SharedClock& shared, const SharedClock::Now& now) { shared.heardCalls(message, now); });
+  });
   use([](SharedClock&, const SharedClock::Now&) {});
   setTick();
 }
@@ -295,6 +298,15 @@ void SessionClock::use(const Use& use) {
   settle(lock);
 }
 
+template <class Said>
+void SessionClock::announceStep(const Said& said) const {
+  if (!beforeStep_) return;
+  Lock lock(mutex_);
+  if (!shared_->turnsStep(said)) return;
+  lock.unlock();
+  beforeStep_();
+}
+
 void SessionClock::settle(Lock& lock) {
   SharedClock::News news = shared_->takeNews();
   if (isOver_) return;
@@ -320,8 +332,10 @@ void SessionClock::settle(Lock& lock) {
 
 void SessionClock::carryOut(const SharedClock::Wish& wish) {
   const auto answered = [weak = weak_from_this()](Outcome<bus::Bus::Held> held) {
-    if (const auto self = weak.lock())
-      self->use([&](SharedClock& shared, const SharedClock::Now& now) { shared.answered(std::move(held), now); });
+    const auto self = weak.lock();
+    if (!self) return;
+    self->announceStep(held);
+    self->use([&](SharedClock& shared, const SharedClock::Now& now) { shared.answered(std::move(held), now); });
   };
   switch (wish.kind) {
     case SharedClock::Wish::Kind::kHold:

@@ -55,7 +55,8 @@ class SessionClock : public std::enable_shared_from_this<SessionClock> {
   SessionClock& operator=(const SessionClock&) = delete;
 
   // From now on it is one clock with those of other servers that share this key. Before anybody joins; once, if at all.
-  void share(std::shared_ptr<bus::Bus> bus, std::string key);
+  // `beforeStep` is called, without a lock, before members here are told that a step is done or has begun.
+  void share(std::shared_ptr<bus::Bus> bus, std::string key, std::function<void()> beforeStep = {});
   // The session is over: if no other server has it, the engine forgets the clock.
   void end() { end(true); }
   // This server has the session no longer. The engine keeps the clock, for the next one.
@@ -85,12 +86,12 @@ class SessionClock : public std::enable_shared_from_this<SessionClock> {
   // What it says is the clock of all servers, or they cannot be reached.
   bool isCurrent() const;
   wire::Clock state() const;
-  std::uint64_t time() const;  // microseconds
-  // Of one server's clock, which is stepped: its followers and its owner, if this is the newest step and waits for nobody but this member.
-  // Empty otherwise.
-  std::set<std::uint64_t> endsStep(std::uint64_t camera, std::uint64_t step) const;
-  // The same, if this owner's next step begins at once.
-  std::set<std::uint64_t> beginsStep(std::uint64_t camera) const;
+  std::uint64_t time() const;                 // microseconds
+  std::set<std::uint64_t> listeners() const;  // those who follow the clock, and its owner
+  // The clock is stepped, this is the newest step, and of this server's members it waits for nobody but this one.
+  bool endsStepHere(std::uint64_t camera, std::uint64_t step) const;
+  // The clock is stepped, and this owner's next step begins at once.
+  bool beginsStep(std::uint64_t camera) const;
 
  private:
   struct Entry {
@@ -104,8 +105,8 @@ class SessionClock : public std::enable_shared_from_this<SessionClock> {
 
   void end(bool forgets);
   bool refuses(Entry& entry);  // the engine is away, and the member is told; under the lock, as all below
+  const Clock& shown() const { return shared_ ? shared_->clock() : clock_; }
   wire::Clock now() const;
-  std::set<std::uint64_t> listeners() const;
   void changed();
   void note() const;
   void notify();
@@ -119,6 +120,8 @@ class SessionClock : public std::enable_shared_from_this<SessionClock> {
   void use(const Use& use);                      // without the lock
   void settle(Lock& lock);                       // what came of a call to shared_
   void carryOut(const SharedClock::Wish& wish);  // without the lock
+  template <class Said>
+  void announceStep(const Said& said) const;  // if it turns one; without the lock
   void setTick();
 
   const Timer& timer_;
@@ -133,6 +136,7 @@ class SessionClock : public std::enable_shared_from_this<SessionClock> {
 
   std::shared_ptr<bus::Bus> bus_;  // null: nothing is shared, and clock_ is the clock
   std::string key_;
+  std::function<void()> beforeStep_;
   std::string problem_;  // the last that was logged
   std::optional<SharedClock> shared_;
   std::deque<SharedClock::Wish> wishes_;

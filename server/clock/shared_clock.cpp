@@ -50,6 +50,34 @@ std::size_t SharedClock::pendingSteps(std::uint64_t member) const {
   }));
 }
 
+std::set<std::uint64_t> SharedClock::undone(const std::function<bool(std::uint64_t member)>& isHere) const {
+  std::set<std::uint64_t> members;
+  for (const std::uint64_t member : shown_.clock.waitsFor())
+    if (isHere(member)) members.insert(member);
+  for (const ToldCalls::Numbered& numbered : pending_)
+    if (!numbered.all && numbered.call.kind == Call::Kind::kDone && numbered.call.number == shown_.clock.step())
+      members.erase(numbered.call.member);
+  return members;
+}
+
+bool SharedClock::turnsStep(const Record& next) const {
+  const Clock::State &is = shown_.clock.all(), &will = next.clock.all();
+  return next.version > shown_.version && will.mode == wire::ClockMode::kStepped &&
+         (will.step != is.step || (will.waitsFor.empty() && !is.waitsFor.empty()));
+}
+
+bool SharedClock::turnsStep(const std::string& bytes) const {
+  const auto told = toldOf(bytes);
+  return told && told->epoch >= epoch_ && turnsStep(told->record);
+}
+
+bool SharedClock::turnsStep(const Outcome<bus::Bus::Held>& answer) const {
+  if (!answer) return false;
+  if (asked_ == Asked::kHold && answer->isYours) return turnsStep(writing_);
+  const auto record = recordOf(answer->record.value);
+  return record && turnsStep(*record);
+}
+
 // ---- this server's calls ----
 
 void SharedClock::call(const Call& call, const Now& now) {

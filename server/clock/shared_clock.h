@@ -30,6 +30,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <deque>
+#include <functional>
 #include <map>
 #include <set>
 #include <string>
@@ -79,10 +80,16 @@ class SharedClock {
   // `mode`: how the clock begins if the engine knows none.
   SharedClock(std::uint32_t server, wire::ClockMode mode, Now now);
 
+  const Clock& clock() const { return shown_.clock; }
   std::uint64_t time(const Now& now) const;  // microseconds
   wire::Clock state(const Now& now) const;
   // Of this member, that are not applied yet.
   std::size_t pendingSteps(std::uint64_t member) const;
+  // Of these members, those that the step waits for, but for those whose kDone is not applied yet.
+  std::set<std::uint64_t> undone(const std::function<bool(std::uint64_t member)>& isHere) const;
+  // Whether heardTold() or answered() would show that a step is done, or has begun.
+  bool turnsStep(const std::string& told) const;
+  bool turnsStep(const Outcome<bus::Bus::Held>& answer) const;
 
   void call(const Call& call, const Now& now);
   void heardTold(const std::string& bytes, const Now& now);
@@ -114,6 +121,7 @@ class SharedClock {
   void show(Record record, const Now& now);
   bool show(const std::string& bytes, const Now& now);
   bool isOther(const Record& record) const;
+  bool turnsStep(const Record& next) const;
   void seek(const Now& now);
   void lead(const Now& now);
   void mirror(const bus::Record& record, const Now& now);

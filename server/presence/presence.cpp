@@ -122,21 +122,20 @@ std::chrono::milliseconds Presence::pauseOf(const Entry& entry) const {
 }
 
 clock::Clock::Stepped Presence::step(std::uint64_t camera, const wire::ClockStep& step) {
-  if (bus_) return clock_->step(camera, step);
-  const std::lock_guard lock(mutex_);
-  tellForStep(clock_->beginsStep(camera));
+  const std::lock_guard telling(telling_);
+  if (clock_->beginsStep(camera)) bus_ ? shareNow() : tellForStep();
   return clock_->step(camera, step);
 }
 
 void Presence::done(std::uint64_t camera, const wire::StepDone& done) {
-  if (bus_) return clock_->receive(camera, done);
-  const std::lock_guard lock(mutex_);
-  tellForStep(clock_->endsStep(camera, done.step));
+  const std::lock_guard telling(telling_);
+  if (clock_->endsStepHere(camera, done.step)) bus_ ? shareNow() : tellForStep();
   clock_->receive(camera, done);
 }
 
-void Presence::tellForStep(const std::set<std::uint64_t>& listeners) {
-  for (const std::uint64_t camera : listeners) {
+void Presence::tellForStep() {
+  const std::lock_guard lock(mutex_);
+  for (const std::uint64_t camera : clock_->listeners()) {
     const auto it = entries_.find(camera);
     if (it == entries_.end() || !it->second.wantsMembers) continue;
     Entry& entry = it->second;
@@ -215,7 +214,7 @@ Presence::~Presence() {
   for (std::string& message : messages.take()) bus_->tell(channel_, std::move(message));
 }
 
-std::vector<std::string> Presence::shareNow() {
+std::vector<std::string> Presence::toShare() {
   const Timer::Time now = timer_.now();
   MembersMessages messages;
   for (const std::uint64_t camera : std::exchange(left_, {})) messages.left(camera);
@@ -235,13 +234,20 @@ std::vector<std::string> Presence::shareNow() {
 }
 
 // A bus may call handlers of others amid its tell(), and they have locks of their own.
-void Presence::tick() {
+void Presence::shareNow() {
   std::vector<std::string> messages;
   {
     const std::lock_guard lock(mutex_);
-    messages = shareNow();
+    messages = toShare();
   }
   for (std::string& message : messages) bus_->tell(channel_, std::move(message));
+}
+
+void Presence::tick() {
+  {
+    const std::lock_guard telling(telling_);
+    shareNow();
+  }
   timer_.at(timer_.now() + kMinPause, [weak = weak_from_this()] {
     if (const auto self = weak.lock()) self->tick();
   });

@@ -9,13 +9,14 @@
 // | kFew at most           | everybody; near ones often, within kBytesPerSecond                            | 20                         |
 // | more                   | near ones often, others seldom, within kBytesPerSecond; everybody if the clock is stepped | 10             |
 //
-// In a stepped session of one server, the owner and those who follow the clock are told what they are told often before a step begins, and
-// again before it is said to be done: what they then read is of that step. Until they have it, no further step begins.
+// In a stepped session, the owner and those who follow the clock are told what they are told often before a step begins, and again before
+// it is said to be done: what they then read is of that step. Until they have it, no further step begins.
 //
 // Many members are told in turns: one turn holds the lock for about kTurn, and turns take at most half of the time.
 //
 // Over servers: each tells the others on a channel what its own members are and where, those that have changed 20 times a second and each
-// at least once a second, which heals what was lost. A member of another server that is not heard of for kSilence has left.
+// at least once a second, which heals what was lost; in a stepped session before it says that its members are done with a step, or its owner
+// steps. A member of another server that is not heard of for kSilence has left.
 //
 // Any thread. Messages are handed to the members' senders under a lock; senders do not call back.
 // Bounds: one entry a member, with what it was told (news.h); kMaxMembers of other servers.
@@ -63,6 +64,8 @@ class Presence : public std::enable_shared_from_this<Presence> {
   Presence(const Presence&) = delete;
   Presence& operator=(const Presence&) = delete;
 
+  // Before members here are told of a step: all servers' members are where they were by then.
+  void tellForStep();
   // From now on, shows the members of other servers that share this channel, and tells them of its own. Once, if at all.
   void share(std::shared_ptr<bus::Bus> bus, std::string channel);
 
@@ -112,17 +115,18 @@ class Presence : public std::enable_shared_from_this<Presence> {
   bool tellsAll(const Entry& entry) const;
   std::chrono::milliseconds pauseOf(const Entry& entry) const;
   void notify(Entry& entry, bool isForStep = false);
-  void tellForStep(const std::set<std::uint64_t>& listeners);
   void setAlarm(Timer::Time earliest);
   void schedule(Entry& entry, Timer::Time due);
   const CrowdPart& crowdPart();
   void remove(std::uint64_t camera);
-  std::vector<std::string> shareNow();
-  void tick();  // without the lock
+  std::vector<std::string> toShare();
+  void shareNow();  // both under telling_ alone
+  void tick();
   void hear(const std::string& message);
 
   const Timer& timer_;
   const std::shared_ptr<clock::SessionClock> clock_;
+  std::mutex telling_;  // other servers: what is told first is on its way first; taken before mutex_
   mutable std::mutex mutex_;
   Crowd crowd_;                                          // members of all servers
   std::map<std::uint64_t, Entry> entries_;               // of this one

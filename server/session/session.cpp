@@ -114,7 +114,9 @@ Session::Session(std::string name, std::shared_ptr<const terrain::Terrain> terra
   if (resources_->bus->server() == 0) return;
   presence_->share(resources_->bus, "members/" + name_);
   // Another world under this name has another clock.
-  clock_->share(resources_->bus, "clock/" + name_ + "/" + std::to_string(contentHash_));
+  clock_->share(resources_->bus, "clock/" + name_ + "/" + std::to_string(contentHash_), [weak = std::weak_ptr(presence_)] {
+    if (const auto presence = weak.lock()) presence->tellForStep();
+  });
 }
 
 std::uint64_t Session::hashOf(const editing::Ground& ground) const {

@@ -136,6 +136,7 @@ void Cluster::failOver(const Event& event) {
   if (!isThere) return;  // nobody could bring it back
   ++met.failovers;
   engine_->loseEnd(session, event.amount % 8);
+  truths_.at(session).loseEnd();
   if (losesRecords_) engine_->loseRecords();
   for (std::size_t k = 0; k < all_.size(); ++k) touches(k);
   split(testing_support::SimulatedEngine::kGrace + 2s);

@@ -16,7 +16,8 @@ bool Editor::hasRoom() const { return open_.size() < wire::kMaxEdits; }
 void Editor::edit(lattice::Point near, const Say& say) {
   if (!hasRoom()) return;
   edits::Operation operation = testing_support::randomOperation(random_, near);
-  if (known_ > 0 && random_() % 4 == 0) operation = {edits::Undo{1 + random_() % (known_ + 2)}, 0};
+  const std::uint64_t known = truth_.known();
+  if (known > 0 && random_() % 4 == 0) operation = {edits::Undo{random_() % 2 == 0 ? known : 1 + random_() % (known + 2)}, 0};
   const bool hasKey = random_() % 4 != 0;
   Request request{{hasKey ? "key " + std::to_string(++keys_) : "", std::move(operation)}};
   if (hasKey && random_() % 8 == 0 && open_.size() + 1 < wire::kMaxEdits) {  // twice, to be sure
@@ -31,7 +32,8 @@ void Editor::ask(edits::Operation operation, const Say& say) { send({{"key " + s
 
 void Editor::send(Request request, const Say& say) {
   ++request.sent;
-  request.known = known_;
+  request.known = truth_.known();
+  request.lostEnds = truth_.lostEnds();
   wire::Edit edit{0, request.asked.key, edits::toJson(request.asked.operation)};
   open_[++ids_] = std::move(request);
   say(std::move(edit), [this, id = ids_](const Outcome<wire::EditAnswer>& answer) { take(id, answer); });
@@ -53,7 +55,7 @@ void Editor::lost() {
 void Editor::take(std::uint64_t id, const Outcome<wire::EditAnswer>& answer) {
   auto request = open_.extract(id);
   if (!request) return;  // it was lost
-  const auto& [asked, sent, knownThen] = request.mapped();
+  const auto& [asked, sent, knownThen, lostEndsThen] = request.mapped();
   wasRefused_ = !answer;
   if (wasRefused_) {
     static constexpr const char* kReasons[] = {"Too many or too large edits", "edits of this session wait", "of your edits wait",
@@ -64,8 +66,8 @@ void Editor::take(std::uint64_t id, const Outcome<wire::EditAnswer>& answer) {
     const std::string& refusal = answer.error().message;
     EXPECT_TRUE(std::ranges::any_of(kReasons, [&](const char* r) { return refusal.find(r) != std::string::npos; })) << refusal;
     const auto* undo = std::get_if<edits::Undo>(&asked.operation.what);
-    EXPECT_FALSE(undo && undo->edit <= knownThen && refusal.find("There is no edit") != refusal.npos)
-        << author_ << " knows it: " << refusal;
+    EXPECT_FALSE(undo && undo->edit <= knownThen && refusal.find("There is no edit") != refusal.npos && lostEndsThen == truth_.lostEnds())
+        << "somebody knew it: " << refusal;
     if (refusal.find("before it was known") != refusal.npos) {
       if (!asked.key.empty()) lost_.push_back(std::move(request.mapped()));
       return;

@@ -37,7 +37,7 @@ class Editor {
   struct Request {
     Truth::Asked asked;
     std::uint64_t sent = 0;
-    std::uint64_t known = 0;  // the last edit, when it was asked
+    std::uint64_t known = 0, lostEnds = 0;  // to anybody, when it was asked
   };
   void send(Request request, const Say& say);
   void take(std::uint64_t id, const Outcome<wire::EditAnswer>& answer);

@@ -1,6 +1,7 @@
 #pragma once
 // What members were told of the ground, and whether the log on the disk and a replay of it say the same.
 
+#include <algorithm>
 #include <cstdint>
 #include <filesystem>
 #include <functional>
@@ -37,7 +38,10 @@ class Truth {
   void answered(const wire::AskGround& ask, const wire::Ground& ground);
   void answered(const map::Sheet& sheet, std::uint64_t edit, const std::string& etag, std::string file);  // a tile of heights
   void knows(std::uint64_t edit);                                                                         // a mesh or an answer
-  std::uint64_t known() const { return known_; }  // the last edit of which anybody knows
+  // The last edit of which anybody knows, as far as the servers' engine has not lost it.
+  std::uint64_t known() const { return shared_ ? std::min<std::uint64_t>(known_, shared_().size()) : known_; }
+  void loseEnd() { ++lostEnds_; }  // of the shared log
+  std::uint64_t lostEnds() const { return lostEnds_; }
 
   // While no server runs: reads the log in this folder, as SQLite sees it without the product, and judges all of the above and the log's
   // cached tiles by its edits.
@@ -101,7 +105,7 @@ class Truth {
   std::vector<Meshed> grounds_;
   std::vector<Mapped> mapped_;
   std::map<std::string, std::string> files_;  // by ETag
-  std::uint64_t known_ = 0;
+  std::uint64_t known_ = 0, lostEnds_ = 0;
 
   Shared shared_;
   std::vector<Entry> log_;

@@ -317,9 +317,7 @@ void World::act(const Event& event) {
     case Kind::kFill:
       if (!server.runs()) return;
       server.disk().fillAfter(event.amount);
-      return timer_.at(timer_.now() + between(0, 3), [&server] {
-        if (!server.lostPower()) server.disk().restorePower();
-      });
+      return timer_.at(timer_.now() + between(0, 3), [&server] { server.disk().empty(); });
     default:
       return;  // of several servers
   }

@@ -230,6 +230,7 @@ void ForgetfulDisk::cutPower() {
   if (!state->isOff) cutPowerNow();
 }
 void ForgetfulDisk::fillAfter(std::uint64_t operations) { state->untilFull = operations; }
+void ForgetfulDisk::empty() { state->untilFull = kNever; }
 void ForgetfulDisk::restorePower() {
   state->isOff = false;
   state->untilCut = state->untilFull = kNever;

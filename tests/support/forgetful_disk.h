@@ -18,8 +18,9 @@ class ForgetfulDisk {
   // At the n-th write, sync or removal from now on, 1 or more.
   void cutPowerAfter(std::uint64_t operations);
   void cutPower();
-  // From the n-th write on the disk is full, for good or until the power returns.
+  // From the n-th write on the disk is full, until it is emptied or the power returns.
   void fillAfter(std::uint64_t operations);
+  void empty();
   void restorePower();
   bool isOff() const;
   std::uint64_t lost() const;  // writes that power cuts have undone or torn

@@ -15,6 +15,7 @@ using Run = std::function<void()>;
 
 namespace {
 
+constexpr SimulatedEngine::Duration kLate = std::chrono::milliseconds(500);  // after a connection broke
 constexpr std::int64_t kEpoch = 1'700'000'000'000'000;  // what its clock says at first, microseconds since 1970
 
 }  // namespace
@@ -57,7 +58,7 @@ struct SimulatedEngine::State : std::enable_shared_from_this<State> {
   const Time begun = timer.now();
   Time graceUntil{};
   std::uint32_t servers = 0;
-  std::uint64_t nextCall = 0;
+  std::uint64_t nextCall = 0, failovers = 0;
   std::map<std::uint32_t, Line> lines;
   std::map<std::string, std::vector<Entry>> logs;
   std::map<std::string, Kept> records;
@@ -135,17 +136,26 @@ struct SimulatedEngine::State : std::enable_shared_from_this<State> {
     });
   }
 
-  // The first of what is on its way still arrives; the rest is lost.
-  void loseCalls(std::uint32_t server) {
+  // The first of what is on its way still arrives, maybe late; the rest is lost.
+  void loseCalls(std::uint32_t server, bool mayBeLate = false) {
     Line& line = lines.at(server);
     std::vector<std::function<Run()>> sent;
     for (auto& [id, call] : line.calls)
       if (call.work) sent.push_back(std::exchange(call.work, nullptr));
     sent.resize(std::uniform_int_distribution<std::size_t>(0, sent.size())(random));
-    for (const auto& work : sent) work();
+    if (!mayBeLate || random() % 4 != 0) {
+      for (const auto& work : sent) work();
+      return;
+    }
+    later(timer.now() + Duration(std::uniform_int_distribution<Duration::rep>(0, kLate.count())(random)),
+          [self = shared_from_this(), sent = std::move(sent), failed = failovers] {
+            const std::lock_guard lock(self->mutex);
+            if (self->failovers == failed)
+              for (const auto& work : sent) work();
+          });
   }
   void broke(std::uint32_t server) {
-    loseCalls(server);
+    loseCalls(server, true);
     if (patience == Duration()) return close(server);
     later(timer.now() + patience, [self = shared_from_this(), server, opened = lines.at(server).opened] {
       const std::lock_guard lock(self->mutex);
@@ -182,6 +192,7 @@ struct SimulatedEngine::State : std::enable_shared_from_this<State> {
       if (!isBroken(line)) there.push_back(server);
     for (const std::uint32_t server : there) loseCalls(server);
     for (const std::uint32_t server : there) close(server), reopen(server);
+    ++failovers;
     graceUntil = timer.now() + kGrace;
   }
 

@@ -8,7 +8,8 @@
 //     a->append("log", 0, {"entry"}, bus::Bus::Origin::kNew, ...);
 //     timer.advance(0s);  // everything that is due happens
 //
-// What was on its way when a connection breaks: the first of it, by the seed, still reaches the engine; nothing reaches the server.
+// What was on its way when a connection breaks: the first of it, by the seed, still reaches the engine, now and then after the server has
+// come back, as behind a proxy; nothing reaches the server.
 
 #include <chrono>
 #include <cstddef>

@@ -218,6 +218,59 @@ TEST(SharedClock, IsStoppedWhereItIsWhenTheEngineHasRoomForThat) {
   EXPECT_TRUE(s.areEqual());
 }
 
+// It was slow, and another leads now.
+TEST(SharedClock, HearsNoMoreOfAnEarlierLeader) {
+  Servers s;
+  s.start();
+  s.start(), s.start();
+  s.join(s.servers[1], 1), s.join(s.servers[2], 2);
+  s.advance(1s);
+  const auto other = s.engine.connect();
+  std::string key;
+  bus::Record before;
+  other->list("clock/", [&](auto all) { std::tie(key, before) = *all->begin(); });
+  s.advance(100ms);
+  s.crash(0);
+  s.advance(5s);
+  auto record = recordOf(before.value);
+  ASSERT_TRUE(record);
+  other->tell(key, toBytes(Told{before.epoch, false, *record, {}}));
+  s.advance(10ms);
+  for (Server& server : s.servers) {
+    const std::uint64_t member = server.members.begin()->first;
+    server.clock->receive(member, wire::SetClock{true, ClockMode::kScaled, 2});
+    s.advance(10ms);
+    EXPECT_EQ(server.clock->state().owner, member) << "the leader of now is asked";
+    server.clock->receive(member, wire::SetClock{false, ClockMode::kRealTime, 1});
+    s.advance(10ms);
+  }
+}
+
+// Which another version of the program has written: this one does not write over what it cannot read.
+TEST(SharedClock, LeavesARecordAloneThatItCannotRead) {
+  Servers s;
+  s.start();
+  Server& b = s.start();
+  s.join(b, 1);
+  s.advance(1s);
+  const auto other = s.engine.connect();
+  std::map<std::string, bus::Record> records;
+  const auto look = [&] {
+    other->list("clock/", [&](auto all) { records = std::move(*all); });
+    s.advance(100ms);
+    ASSERT_EQ(records.size(), 1u);
+  };
+  look();
+  s.crash(0);
+  other->hold(records.begin()->first, "of the next version", records.begin()->second.epoch, 1h, [](const auto& held) {
+    ASSERT_TRUE(held);
+    EXPECT_TRUE(held->isYours);
+  });
+  s.advance(20s);
+  look();
+  EXPECT_EQ(records.begin()->second.value, "of the next version");
+}
+
 TEST(SharedClock, OnOneServerSendsNothingWhileNothingChanges) {
   Servers s;
   s.join(s.start(), 1);

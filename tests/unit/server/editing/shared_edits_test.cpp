@@ -98,13 +98,57 @@ TEST(SharedEdits, OfASlowServerHaveTheirTurn) {
   EXPECT_GT(rig[0].edits->ground().edit, 20u) << "the others went on";
 }
 
+// The first append is still on its way when the log is read, and the second follows it.
+TEST(SharedEdits, WhoseAppendIsLateAreMadeOnce) {
+  for (std::uint64_t seed = 1; seed <= 60; ++seed) {
+    SCOPED_TRACE("seed " + std::to_string(seed));
+    Rig rig(2, seed);
+    rig.world.engine.slow(100ms);
+    const auto made = rig[0].ask(craterAt(0));  // has no key
+    rig.work();
+    rig.world.engine.cut(*rig[0].bus);
+    rig.world.engine.mend(*rig[0].bus);
+    rig.run(5s);
+    ASSERT_TRUE(*made);
+    ASSERT_TRUE(**made) << (*made)->error().message;
+    ASSERT_EQ(rig.world.engine.last("world"), 1u);
+    rig.expectOneGround();
+  }
+}
+
+// Its client has sent it to both, since the first did not answer.
+TEST(SharedEdits, AreLookedUpAgainWhereOthersCameBetween) {
+  Rig rig(2);
+  rig.world.engine.slow(1ms);
+  const auto first = rig[0].ask(craterAt(0));
+  rig.run(1s);
+  ASSERT_TRUE(*first);
+  // What comes after an undo waits for the next batch, and its key is known to be new.
+  const auto before = rig[0].ask(craterAt(20)), undo = rig[0].ask({edits::Undo{1}, 0});
+  const auto here = rig[0].ask(craterAt(40), "ann", "key");
+  rig[0].work();
+  const auto runTheOther = [&](std::uint64_t until) {
+    for (rig[1].work(); rig.world.engine.last("world") < until || rig[1].edits->ground().edit < until; rig[1].work())
+      ASSERT_TRUE(rig.world.timer.step(rig.world.timer.now() + 1s));
+  };
+  runTheOther(2);
+  const auto there = rig[1].ask(craterAt(40), "ann", "key");
+  runTheOther(3);
+  rig.run(1s);
+  ASSERT_TRUE(*before && *undo && *here && *there);
+  EXPECT_EQ((*here)->value(), 3u);
+  EXPECT_EQ((*there)->value(), 3u);
+  EXPECT_EQ((*undo)->value(), 4u);
+  rig.expectOneGround();
+}
+
 // An edit that a member of one server has seen can be undone on another, which has not.
 TEST(SharedEdits, AreRefusedOnlyWhereTheLogEnds) {
   Rig rig(2);
   rig.world.engine.slow(20ms);
   const auto made = rig[0].ask(craterAt(0));
-  while (!*made) rig.run(1ms);
-  EXPECT_EQ(rig[1].edits->ground().edit, 0u);
+  while (rig.world.engine.last("world") == 0) rig.run(1ms);
+  EXPECT_EQ(rig[1].edits->behind(), 0u) << "it has not heard of it";
   const auto undone = rig[1].ask({edits::Undo{1}, 0}), wrong = rig[1].ask({edits::Undo{7}, 0});
   rig.run(1s);
   ASSERT_TRUE(*undone) << rig[1].edits->ground().edit;

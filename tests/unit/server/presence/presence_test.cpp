@@ -241,7 +241,7 @@ TEST_F(PresenceTest, WhatHasChangedIsToldBeforeAStepBeginsAndBeforeItIsDone) {
     presence->done(1, {k});
     presence->done(2, {k});
     EXPECT_EQ(owner->table[2].moved->pose.sequence, k) << "before it is done";
-    EXPECT_EQ(clock->beginsStep(1), (std::set<std::uint64_t>{1, 2})) << "it is done";
+    EXPECT_TRUE(clock->beginsStep(1)) << "it is done";
   }
   EXPECT_LT(other->messages(), 100u) << "whom no step waits for is told as ever";
   for (const auto& l : {owner, follower, other}) EXPECT_EQ(l->complaint, "");

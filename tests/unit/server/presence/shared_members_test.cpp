@@ -20,14 +20,18 @@ using testing_support::SimulatedTimer;
 
 struct Server {
   explicit Server(const SimulatedTimer& timer, std::shared_ptr<bus::Bus> to)
-      : presence(std::make_shared<Presence>(timer, std::make_shared<clock::SessionClock>(timer))), bus(std::move(to)) {
+      : clock(std::make_shared<clock::SessionClock>(timer)), presence(std::make_shared<Presence>(timer, clock)), bus(std::move(to)) {
     presence->share(bus, "members/default");
+    clock->share(bus, "clock/default", [weak = std::weak_ptr(presence)] {
+      if (const auto its = weak.lock()) its->tellForStep();
+    });
   }
   std::set<std::uint64_t> members() const {
     std::set<std::uint64_t> out;
     for (const auto& member : presence->state().members) out.insert(member.camera);
     return out;
   }
+  std::shared_ptr<clock::SessionClock> clock;
   std::shared_ptr<Presence> presence;
   std::shared_ptr<bus::Bus> bus;
 };
@@ -135,6 +139,87 @@ TEST(SharedMembers, MessagesAreAsLargeAsTheyMayBe) {
 
 // Two servers with random members and a bus that loses and delays: 3 s after the last fault both know the same, and everybody's table is
 // that of its own.
+// Takes part in steps by what it is told alone, as a client does: it moves, and is done.
+class Follower final : public conversation::Sender {
+ public:
+  static constexpr std::uint64_t kSteps = 60;
+  Follower(const SimulatedTimer& timer, std::shared_ptr<Presence> presence, std::uint64_t camera, std::size_t all, std::mt19937_64& random)
+      : timer_(timer), presence_(std::move(presence)), camera_(camera), all_(all), random_(random), table_(timer) {}
+
+  void sendShared(std::shared_ptr<const std::string> encoded, std::shared_ptr<const void> ticket) override {
+    table_.sendShared(std::move(encoded), std::move(ticket));
+  }
+  void send(wire::ServerMessage message, std::shared_ptr<const void>) override {
+    const auto* clock = std::get_if<wire::Clock>(&message);
+    if (!clock || clock->mode != wire::ClockMode::kStepped || clock->step == 0) return;
+    if (const std::uint64_t whole = clock->step - (clock->waitsFor.empty() ? 0 : 1); whole > read_) readAll(read_ = whole);
+    if (std::ranges::find(clock->waitsFor, camera_) != clock->waitsFor.end() && clock->step > moved_) {
+      moved_ = clock->step;
+      later([this, step = moved_] {
+        presence_->receive(camera_, poseAt(1, 1, 1, step));
+        later([this, step] { presence_->done(camera_, {step}); });
+      });
+    }
+    if (clock->owner == camera_ && clock->waitsFor.empty() && clock->step < kSteps && clock->step >= stepped_) {
+      stepped_ = clock->step + 1;
+      later([this] { step(); });
+    }
+  }
+  void step() {  // by the owner, whom no step waits for
+    presence_->receive(camera_, poseAt(1, 1, 1, stepped_));
+    presence_->step(camera_, {20'000, true});
+  }
+  std::size_t queuedBytes() const override { return 0; }
+  void fail(wire::ErrorMessage) override { ADD_FAILURE(); }
+  std::uint64_t read() const { return read_; }
+
+ private:
+  void later(std::function<void()> what) { timer_.at(timer_.now() + std::chrono::microseconds(random_() % 5000), std::move(what)); }
+  void readAll(std::uint64_t step) const {
+    EXPECT_EQ(table_.table.size(), all_ - 1);
+    for (const auto& [camera, member] : table_.table) {
+      ASSERT_TRUE(member.moved) << camera;
+      // One that has heard of the next step before may already be there.
+      EXPECT_GE(member.moved->pose.sequence, step) << "member " << camera << " as member " << camera_ << " sees it after step " << step;
+      EXPECT_LE(member.moved->pose.sequence, step + 1);
+    }
+  }
+
+  const SimulatedTimer& timer_;
+  const std::shared_ptr<Presence> presence_;
+  const std::uint64_t camera_;
+  const std::size_t all_;
+  std::mt19937_64& random_;
+  Listener table_;
+  std::uint64_t read_ = 0, moved_ = 0, stepped_ = 1;
+};
+
+TEST(SharedMembers, AreReadAfterAStepAsOfThatStep) {
+  for (std::uint64_t seed = 1; seed <= 30; ++seed) {
+    SCOPED_TRACE("seed " + std::to_string(seed));
+    std::mt19937_64 random(seed);
+    SimulatedTimer timer;
+    testing_support::SimulatedEngine engine(timer, seed);
+    engine.slow(std::chrono::microseconds(random() % 2000), std::chrono::milliseconds(random() % 20));
+    std::vector<std::unique_ptr<Server>> servers;
+    for (int k = 0; k < 3; ++k) servers.push_back(std::make_unique<Server>(timer, engine.connect()));
+    timer.advance(1s);
+    const std::size_t count = 2 + random() % 8;
+    std::vector<std::shared_ptr<Follower>> members;
+    for (std::uint64_t camera = 1; camera <= count; ++camera) {
+      auto& presence = servers[random() % servers.size()]->presence;
+      members.push_back(std::make_shared<Follower>(timer, presence, camera, count, random));
+      presence->join(camera, helloOf("m", true), members.back(), {});
+    }
+    timer.advance(2s);
+    for (const auto& server : servers) server->clock->receive(1, wire::SetClock{true, wire::ClockMode::kStepped, 0});
+    timer.advance(1s);
+    members.front()->step();
+    timer.advance(60s);
+    for (const auto& member : members) ASSERT_EQ(member->read(), Follower::kSteps);
+  }
+}
+
 TEST(SharedMembers, AgreeAfterAnyFault) {
   for (std::uint64_t seed = 1; seed <= 20; ++seed) {
     std::mt19937_64 random(seed);
