@@ -237,6 +237,7 @@ int serve(const config::Config& config, const sigset_t& signals, const BeginServ
   resources->makeMesh = session::pipelineMeshes();
   resources->serverName = "ridgecast-server " RIDGECAST_VERSION;
   resources->limits = config.limits;
+  resources->budgets = std::make_shared<session::BudgetsByClient>(config.limits.maxHeightsPerSecond);
   resources->state = config.state;
   if (recorder)
     resources->record = [r = recorder.get()](recording::World world, std::vector<recording::Edited> past, scheduling::Timer::Time now) {

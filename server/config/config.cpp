@@ -155,6 +155,8 @@ void addLimits(CLI::App& app, Written& w) {
   app.add_option("--max-messages-per-second", c.net.maxMessagesPerSecond,
                  "Messages of one connection that are read in a second; 0: unlimited")
       ->capture_default_str();
+  addNumber(app, "--max-heights-per-second", c.limits.maxHeightsPerSecond,
+            "Heights of the terrain in a second for one client's answers, a ray some ten; 0: unlimited", 0, 1'000'000'000'000);
   addNumber(app, "--max-triangles", c.limits.mesh.maxBudget, "Largest triangle budget a client is granted", 10'000, 50'000'000);
   addNumber(app, "--max-total-triangles", c.limits.maxTotalTriangles,
             "Triangle budgets of all cameras together; 0: half of the memory that the process may use", 0, 1'000'000'000'000);

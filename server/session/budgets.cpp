@@ -20,7 +20,7 @@ Outcome<std::uint64_t> Budgets::spendEdit(const edits::Operation& operation, std
 }
 
 std::shared_ptr<Budgets> BudgetsByClient::of(const std::string& client, Budgets::Time now) {
-  if (client.empty()) return std::make_shared<Budgets>();
+  if (client.empty()) return std::make_shared<Budgets>(heightsPerSecond_);
   const std::lock_guard lock(mutex_);
   std::erase_if(budgets_, [&](const auto& entry) {
     Budgets& its = *entry.second;
@@ -28,7 +28,7 @@ std::shared_ptr<Budgets> BudgetsByClient::of(const std::string& client, Budgets:
            !(isShared_ && std::ranges::any_of(its.all(), &conversation::SharedBudget::hasSpent));
   });
   auto& own = budgets_[client];
-  if (!own) own = std::make_shared<Budgets>();
+  if (!own) own = std::make_shared<Budgets>(heightsPerSecond_);
   return own;
 }
 

@@ -33,9 +33,10 @@ inline constexpr std::chrono::milliseconds kEditBytesDebt{1000};
 inline constexpr std::uint64_t kMessageBytesPerSecond = 12u << 20;
 
 struct Budgets {
+  explicit Budgets(std::uint64_t heightsPerSecond = kHeightsPerSecond) : queries(heightsPerSecond) {}
   using Time = conversation::Budget::Clock::time_point;  // of the session's timer
 
-  conversation::SharedBudget queries{kHeightsPerSecond}, repairs{conversation::kRepairBytesPerSecond};
+  conversation::SharedBudget queries, repairs{conversation::kRepairBytesPerSecond};
   conversation::SharedBudget edits{kEditedPostsPerSecond}, editBytes{kEditedBytesPerSecond}, messages{kMessageBytesPerSecond};
   // Spends an edit's bytes and posts, and returns the number of posts, unless earlier edits are not paid for yet. Error: one sentence.
   Outcome<std::uint64_t> spendEdit(const edits::Operation& operation, std::size_t bytes, Time now);
@@ -60,6 +61,7 @@ struct Spent {
 // The budgets of all clients. They outlive the client's connections until they are full again.
 class BudgetsByClient {
  public:
+  explicit BudgetsByClient(std::uint64_t heightsPerSecond = kHeightsPerSecond) : heightsPerSecond_(heightsPerSecond) {}  // 0: unlimited
   // `client`: as http::Request::client; empty: unknown, shared with nobody.
   std::shared_ptr<Budgets> of(const std::string& client, Budgets::Time now);
 
@@ -70,6 +72,7 @@ class BudgetsByClient {
   void charge(const Spent& spent, Budgets::Time now);
 
  private:
+  const std::uint64_t heightsPerSecond_;
   std::mutex mutex_;
   bool isShared_ = false;
   std::map<std::string, std::shared_ptr<Budgets>> budgets_;

@@ -39,8 +39,9 @@ struct Limits {
   std::uint32_t maxSessionsPerClient = 16;         // that live and that it has made; 0: unlimited
   std::chrono::milliseconds sessionIdle{300'000};  // a session ends after this time without members, queries and snapshots
   std::uint32_t window = replica::kDefaultWindow;
-  std::size_t maxQueuedBytes = 8u << 20;  // no iteration starts while more than this is queued for a client
-  std::uint64_t maxBytesPerSecond = 0;    // of one client's iterations; 0: unlimited
+  std::size_t maxQueuedBytes = 8u << 20;                  // no iteration starts while more than this is queued for a client
+  std::uint64_t maxHeightsPerSecond = kHeightsPerSecond;  // for one client's answers; 0: unlimited
+  std::uint64_t maxBytesPerSecond = 0;                    // of one client's iterations; 0: unlimited
   pipeline::Limits mesh;
   std::chrono::milliseconds turn = scheduling::kTurn;  // of work on an answer, a ground or edits, before others have theirs
   bool sendsTerrain = true;                            // false: World's terrain_source stays empty

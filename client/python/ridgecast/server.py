@@ -74,8 +74,9 @@ def server(terrain: str = "alpine", *, seed: int = 1, port: int = 0, timeout: fl
     """Runs a server on this machine: `with rc.server("canyon", seed=7) as s: rc.join(s.url)`.
 
     port 0: any free one. Other options are those of `ridgecast-server --help`, with _ for -: max_cameras=8, raster=["pitch=30"],
-    quiet=True.
+    quiet=True. Clients may ask for as many heights as they like, unless max_heights_per_second says otherwise.
     """
+    options.setdefault("max_heights_per_second", 0)
     arguments = ["--terrain", str(terrain), "--seed", str(seed), "--port", str(port)]
     for key, value in options.items():
         flag = "--" + key.replace("_", "-")

@@ -44,7 +44,7 @@ const std::map<std::string, std::vector<std::string>> kTests{
     {"room for edits", {"MemoryIsBounded", "AreTakenWhenAskedAndGivenBack", "OfOnlySoManySessionsAreKept", "OneBeginsHalfOfTheLogs"}},
     {"bounds of the ground", {"KeepsTheLastUsedAndNoMore", "ManyKeepLittleMoreThanAFew"}},
     {"edits that are told", {"WaitForWhoDoesNotReadAndAreCodedOnceForAll", "ThatNobodyReadsTakeNoRoom"}},
-    {"queries: ",
+    {"`max-heights-per-second`",
      {"WhatExceedsAMembersBudgetWaits", "ManyConnectionsOfOneClientHaveOneBudget", "LongRaysLeaveOthersTheirTurns",
       "WhoAsksForMuchPaysFromItsBudget"}},
     {"bodies of posted queries", {"OneClientHasHalfOfTheRoomForBodies", "OfTooManyBytesAreRefusedUnread"}},

@@ -53,6 +53,17 @@ TEST(Budgets, OfAClientAreForgottenWhenTheyAreFullAndNotBefore) {
 }
 
 // Two servers, each of which tells the other every second: a client that asks both as often as it may gets little more than of one.
+TEST(Budgets, OfHeightsMayBeUnlimited) {
+  BudgetsByClient all(0);
+  const Budgets::Time now{1h};
+  for (const char* client : {"ann", ""}) {
+    const auto own = all.of(client, now);
+    for (int k = 0; k < 1000; ++k) own->queries.spend(now, 1'000'000'000);
+    EXPECT_LE(own->queries.free(), now) << client;
+    EXPECT_TRUE(own->areFull(now)) << client;
+  }
+}
+
 TEST(Budgets, OfSeveralServersAreSpentTogether) {
   std::array<BudgetsByClient, 3> servers;
   const conversation::Budget::Clock::time_point begin{1h}, end = begin + 60s;
