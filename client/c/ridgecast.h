@@ -77,6 +77,9 @@ uint64_t rc_terrain_hash(const rc_terrain* terrain);
 
 /* Places are pairs x, z. About 20 ns a height, on one thread. */
 rc_status rc_terrain_heights(rc_terrain* terrain, const double* places, size_t count, float* heights);
+/* Heights around bodies: of `offset_count` places each, which are pairs x (to the body's right), z (behind it). Bodies are x, z, yaw. */
+rc_status rc_terrain_patches(rc_terrain* terrain, const double* bodies, size_t count, const double* offsets, size_t offset_count,
+                             float* heights);
 /* Three numbers a place: the unit normal of the plane through the heights `spacing` metres to each side (0: 1/16 m). */
 rc_status rc_terrain_normals(rc_terrain* terrain, const double* places, size_t count, double spacing, float* normals);
 
@@ -112,6 +115,9 @@ void rc_standing_close(rc_standing* standing); /* null: does nothing */
 /* Call once a step: where all bodies (up to 100,000) are, as pairs x, z, in the same order each time. Never waits for heights: a background
    thread makes the ground ahead of the bodies, the nearest first; slowly where it has to ask a server. */
 rc_status rc_standing_move(rc_standing* standing, const double* places, size_t count);
+/* For each body of the last rc_standing_move, 1: the ground around it is there, with all edits that were told by then; 0: it is being made.
+   `count`: how many bodies there are. */
+rc_status rc_standing_ready(rc_standing* standing, size_t count, uint8_t* ready);
 /* Waits until the ground around all bodies is there, with all edits that this member has made or been told of: call it at the beginning,
    and after an edit, or moving a body elsewhere at once. */
 rc_status rc_standing_wait(rc_standing* standing, double timeout);
@@ -164,6 +170,9 @@ typedef struct rc_join_options {
   const char* ca;      /* file of certificate authorities to trust (PEM); default: the system's */
   int32_t everybody;   /* 1: hears of each member, not only of those near it: for programs that need all */
   int32_t places_only; /* 1: poses only say where this member is; no mesh is made of what it sees, and no iteration comes */
+  /* The session's own, opened here, so that heights do not ask the server. It may be closed after joining. RC_REFUSED: it is another.
+     Default: none; built-in ones are found anyway. */
+  const rc_terrain* terrain;
 } rc_join_options;
 
 /* `url`: ws://HOST:PORT?session=NAME&terrain=NAME&seed=N&param=NAME=NUMBER. A session that does not exist is created if the URL names a

@@ -52,6 +52,16 @@ rc_status rc_standing_move(rc_standing* standing, const double* places, size_t c
   });
 }
 
+rc_status rc_standing_ready(rc_standing* standing, size_t count, uint8_t* ready) {
+  return guarded([&] {
+    if (!standing || (count > 0 && !ready)) return fail(RC_INVALID, "there is no ground, or no room");
+    if (count != standing->ground->bodies())
+      return fail(RC_INVALID, "there are " + std::to_string(standing->ground->bodies()) + " bodies, not " + std::to_string(count));
+    standing->ground->ready({ready, count});
+    return RC_OK;
+  });
+}
+
 rc_status rc_standing_wait(rc_standing* standing, double timeout) {
   return guarded([&] {
     const auto wait = milliseconds(timeout);

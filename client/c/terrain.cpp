@@ -1,3 +1,5 @@
+#include <cmath>
+#include <cstdint>
 #include <vector>
 
 #include "client/c/boundary.h"
@@ -15,25 +17,38 @@ rc_status beyond(std::size_t place) {
   return fail(RC_INVALID, "place " + std::to_string(place) + " is not a pair of numbers within 4.398e12 m of the origin");
 }
 
-// Calls body(x, z, first) for parts of the places; first: how many were before.
-template <class Body>
-rc_status eachPart(const rc_terrain& terrain, const double* places, std::size_t count, const Body& body) {
-  if (count > 0 && !places) return fail(RC_INVALID, "there are no places");
+struct Place {
+  double x, z;
+};
+
+// std::floor is a call.
+lattice::Step floorOf(double value) {
+  const auto towardsZero = static_cast<lattice::Step>(value);
+  return towardsZero - (static_cast<double>(towardsZero) > value ? 1 : 0);
+}
+
+// Calls body(x, z, first) for parts of the places, which are asked in order; first: how many were before.
+template <class At, class Body>
+rc_status eachPart(const rc_terrain& terrain, std::size_t count, At placeAt, const Body& body) {
   const std::size_t part = terrain.isAsked() ? count : std::min(count, kPart);
   std::vector<lattice::Step> x(part), z(part);
   for (std::size_t first = 0; first < count; first += part) {
     const std::size_t n = std::min(part, count - first);
     for (std::size_t k = 0; k < n; ++k) {
-      const double* place = places + 2 * (first + k);
-      const double atX = std::floor(place[0] * lattice::kStepsPerMetre + 0.5), atZ = std::floor(place[1] * lattice::kStepsPerMetre + 0.5);
-      constexpr double kMax = lattice::kMaxPosition;
-      if (!(std::abs(atX) <= kMax && std::abs(atZ) <= kMax)) return beyond(first + k);
-      x[k] = static_cast<lattice::Step>(atX);
-      z[k] = static_cast<lattice::Step>(atZ);
+      const Place place = placeAt(first + k);
+      const double atX = place.x * lattice::kStepsPerMetre + 0.5, atZ = place.z * lattice::kStepsPerMetre + 0.5;
+      constexpr double kEnd = lattice::kMaxPosition + 1;
+      if (!(atX >= -kEnd + 1 && atX < kEnd && atZ >= -kEnd + 1 && atZ < kEnd)) return beyond(first + k);
+      x[k] = floorOf(atX);
+      z[k] = floorOf(atZ);
     }
     if (const rc_status status = body(std::span(x).first(n), std::span(z).first(n), first); status != RC_OK) return status;
   }
   return RC_OK;
+}
+
+auto eachOf(const double* places) {
+  return [places](std::size_t k) { return Place{places[2 * k], places[2 * k + 1]}; };
 }
 
 // By the terrain itself, or by its world, whose calls take turns.
@@ -46,6 +61,15 @@ rc_status answer(const rc_terrain& terrain, const Here& here, const There& there
   const std::lock_guard lock(terrain.world->mutex);
   const world::Result<void> known = there(*terrain.world->world);
   return known ? RC_OK : fail(known.error());
+}
+
+template <class At>
+rc_status heightsOf(const rc_terrain& terrain, std::size_t count, const At& placeAt, float* heights) {
+  return eachPart(terrain, count, placeAt, [&](auto x, auto z, std::size_t first) {
+    const std::span out(heights + first, x.size());
+    return answer(
+        terrain, [&](auto& ground) { return ground.heights(x, z, out); }, [&](auto& world) { return world.heights(x, z, out); });
+  });
 }
 
 Outcome<user_terrain::Request> requestOf(const char* name, const rc_terrain_options& options) {
@@ -110,23 +134,36 @@ uint64_t rc_terrain_hash(const rc_terrain* terrain) {
 
 rc_status rc_terrain_heights(rc_terrain* terrain, const double* places, size_t count, float* heights) {
   return guarded([&] {
-    if (!terrain || (count > 0 && !heights)) return fail(RC_INVALID, "heights need a terrain, and room");
-    return eachPart(*terrain, places, count, [&](auto x, auto z, std::size_t first) {
-      const std::span out(heights + first, x.size());
-      return answer(
-          *terrain, [&](auto& ground) { return ground.heights(x, z, out); }, [&](auto& world) { return world.heights(x, z, out); });
-    });
+    if (!terrain || (count > 0 && !(places && heights))) return fail(RC_INVALID, "heights need a terrain, places, and room");
+    return heightsOf(*terrain, count, eachOf(places), heights);
+  });
+}
+
+rc_status rc_terrain_patches(rc_terrain* terrain, const double* bodies, size_t count, const double* offsets, size_t offset_count,
+                             float* heights) {
+  return guarded([&] {
+    if (count == 0 || offset_count == 0) return RC_OK;
+    if (!terrain || !bodies || !offsets || !heights) return fail(RC_INVALID, "patches need a terrain, bodies, offsets, and room");
+    if (count > PTRDIFF_MAX / sizeof(float) / offset_count) return fail(RC_INVALID, "that is more than there can be");
+    const auto placeAt = [body = bodies, offsets, offset_count, next = std::size_t{0}, sin = 0.0, cos = 0.0](std::size_t) mutable {
+      if (next == offset_count) body += 3, next = 0;
+      if (next == 0) sin = std::sin(body[2]), cos = std::cos(body[2]);
+      const double right = offsets[2 * next], back = offsets[2 * next + 1];
+      ++next;
+      return Place{body[0] + cos * right + sin * back, body[1] - sin * right + cos * back};
+    };
+    return heightsOf(*terrain, count * offset_count, placeAt, heights);
   });
 }
 
 rc_status rc_terrain_normals(rc_terrain* terrain, const double* places, size_t count, double spacing, float* normals) {
   return guarded([&] {
-    if (!terrain || (count > 0 && !normals)) return fail(RC_INVALID, "normals need a terrain, and room");
+    if (!terrain || (count > 0 && !(places && normals))) return fail(RC_INVALID, "normals need a terrain, places, and room");
     if (!(spacing == 0 || (spacing >= lattice::kMetresPerStep && spacing <= 256)))
       return fail(RC_INVALID, "a normal's spacing is 1/256 to 256 metres, or 0 for 1/16");
     const std::uint32_t steps =
         spacing == 0 ? ground::kDefaultSpacing : static_cast<std::uint32_t>(std::lround(spacing * lattice::kStepsPerMetre));
-    return eachPart(*terrain, places, count, [&](auto x, auto z, std::size_t first) {
+    return eachPart(*terrain, count, eachOf(places), [&](auto x, auto z, std::size_t first) {
       const std::span out(normals + 3 * first, 3 * x.size());
       return answer(
           *terrain, [&](auto& ground) { return ground.normals(x, z, out, steps); },

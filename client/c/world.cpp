@@ -47,6 +47,7 @@ world::Options optionsOf(const rc_join_options& given, Milliseconds timeout) {
                          .token = given.token ? given.token : "",
                          .reconnects = given.stays_lost == 0,
                          .everybody = given.everybody != 0,
+                         .terrain = given.terrain ? given.terrain->ground.here() : nullptr,
                          .placesOnly = given.places_only != 0};
   if (timeout.count() > 0) options.timeout = timeout;
   return options;
@@ -86,6 +87,7 @@ rc_status rc_join(const char* url, const rc_join_options* options, rc_world** ou
     const rc_join_options given = read(options);
     const auto timeout = milliseconds(given.timeout);
     if (!timeout) return fail(RC_INVALID, timeout.error().message);
+    if (given.terrain && given.terrain->world) return fail(RC_INVALID, "a world's terrain here is one of rc_terrain_open");
     auto joined = world::World::join(url, optionsOf(given, *timeout));
     if (!joined) return fail(joined.error());
     const query::Ground ground = (*joined)->terrain();

@@ -177,11 +177,12 @@ News Ground::since(std::uint64_t edit) const {
   return news;
 }
 
-Ground::Ground(link::Connection& connection, std::chrono::milliseconds timeout)
+Ground::Ground(link::Connection& connection, std::chrono::milliseconds timeout, std::shared_ptr<const terrain::Terrain> here)
     : connection_(&connection), timeout_(timeout), contentHash_(connection.world().contentHash) {
   const wire::World& world = connection.world();
+  expects(!here || terrain::contentHash(*here) == contentHash_, "a terrain that is given is the world's");
   const bool followsEdits = connection.followsEdits();
-  if (followsEdits && world.edit <= kMaxFollowed && world.compacted == 0) local_ = builtInOf(world);
+  if (followsEdits && world.edit <= kMaxFollowed && world.compacted == 0) local_ = here ? std::move(here) : builtInOf(world);
   if (local_) edited_ = std::make_shared<Edited>(local_);
   if (followsEdits) heard_ = std::make_shared<Heard>(world, local_ != nullptr);
   know(world.edit);

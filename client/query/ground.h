@@ -1,9 +1,9 @@
 #pragma once
 // The true terrain of a session's world, for simulations: heights, normals, rays.
 //
-// If a built-in terrain here, with the world's parameters, has the world's content hash, answers are computed locally, at once. Otherwise
-// the server is asked, in batches, and each call waits for its answers. Both give the same bits. (For the mesh held by the client:
-// mesh_ground.h.)
+// If a terrain here has the world's content hash, a built-in one with its parameters or one that is given, answers are computed locally, at
+// once. Otherwise the server is asked, in batches, and each call waits for its answers; also where the session has so many edits that
+// making them again would take too long. Both give the same bits. (For the mesh held by the client: mesh_ground.h.)
 //
 // Places are steps of the lattice (1/256 m); toSteps() converts metres. Local answers: any thread. Answers from the server: not
 // thread-safe, but several grounds may share a connection. Copies of a ground share what it has heard of edits.
@@ -50,13 +50,15 @@ class Ground {
  public:
   enum class Source { kLocal, kServer };
 
-  // `connection` must outlive this where the source is the server. `timeout`: of one call.
-  explicit Ground(link::Connection& connection, std::chrono::milliseconds timeout = std::chrono::seconds(10));
+  // `connection` must outlive this where the source is the server. `timeout`: of one call. `here`: null, or the world's terrain.
+  explicit Ground(link::Connection& connection, std::chrono::milliseconds timeout = std::chrono::seconds(10),
+                  std::shared_ptr<const terrain::Terrain> here = nullptr);
 
   // Of a terrain held here.
   explicit Ground(std::shared_ptr<const terrain::Terrain> terrain)
       : timeout_(0), contentHash_(terrain::contentHash(*terrain)), local_(std::move(terrain)) {}
 
+  const std::shared_ptr<const terrain::Terrain>& here() const { return local_; }  // without edits; null: the server is asked
   Source source() const { return local_ ? Source::kLocal : Source::kServer; }
 
   // From now on, answers include this edit, which the server has acknowledged. (Local ones wait for it.)

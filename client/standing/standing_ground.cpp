@@ -103,6 +103,7 @@ Outcome<void> StandingGround::move(std::span<const lattice::Point> bodies) {
   const std::lock_guard lock(mutex_);
   for (std::size_t k = bodies.size(); k < windows_.size(); ++k) remove(windows_[k]);
   windows_.resize(bodies.size());
+  bodies_.assign(bodies.begin(), bodies.end());
   for (std::size_t k = 0; k < bodies.size(); ++k) {
     const Window window = windows_[k];
     if (window.holds(around(bodies[k], options_.radius)) && around(bodies[k], options_.radius + kept).holds(window)) continue;
@@ -113,6 +114,22 @@ Outcome<void> StandingGround::move(std::span<const lattice::Point> bodies) {
   }
   work_.notify_one();
   return {};
+}
+
+void StandingGround::ready(std::span<std::uint8_t> out) const {
+  expects(out.size() == bodies_.size(), "each body has its answer");
+  const std::lock_guard lock(mutex_);
+  const bool areAll = wanted_.empty() && stale_.empty();
+  for (std::size_t k = 0; k < out.size(); ++k) out[k] = areAll || isReady(around(bodies_[k], options_.radius));
+}
+
+bool StandingGround::isReady(const Window& window) const {
+  for (std::int64_t i = window.i0; i <= window.i1; ++i)
+    for (std::int64_t j = window.j0; j <= window.j1; ++j) {
+      const Place& place = places_.at({i, j});
+      if (!place.tile || stale_.contains({place.distance, {i, j}})) return false;
+    }
+  return true;
 }
 
 void StandingGround::add(const Window& window, lattice::Point body) {

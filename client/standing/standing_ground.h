@@ -82,6 +82,9 @@ class StandingGround {
   // All bodies, in the same order each time: the k-th stays the k-th. Never waits for heights. Error: too many, too much ground around
   // them, or one beyond the lattice; then nothing changed.
   Outcome<void> move(std::span<const lattice::Point> bodies);
+  std::size_t bodies() const { return bodies_.size(); }
+  // For each body, 1: the ground within its radius is there, with all edits that were heard of; 0: not yet. `out` has bodies() of them.
+  void ready(std::span<std::uint8_t> out) const;
   // Waits until the ground around all bodies is there, with all edits that were heard of or that the source must know. Error: why it did
   // not come.
   Outcome<void> wait(std::chrono::milliseconds timeout);
@@ -114,6 +117,7 @@ class StandingGround {
   Window around(lattice::Point body, lattice::Step radius) const;
   void add(const Window& window, lattice::Point body);
   void remove(const Window& window);
+  bool isReady(const Window& window) const;
   std::uint64_t hear();  // takes in edits and what they changed; returns one to wait for, 0: none
   void run();
   // Under the lock.
@@ -125,7 +129,8 @@ class StandingGround {
 
   const Source source_;
   const Options options_;
-  const std::size_t most_;       // tiles
+  const std::size_t most_;  // tiles
+  std::vector<lattice::Point> bodies_;
   std::vector<Window> windows_;  // of the bodies
 
   mutable std::mutex mutex_;  // guards what follows

@@ -5,6 +5,8 @@
 
 #include "client/core/mesh/mesh_ground.h"
 #include "client/query/patch.h"
+#include "common/terrain/terrain.h"
+#include "common/text/text.h"
 #include "common/wire/wire.h"
 
 namespace ridgecast::world {
@@ -41,7 +43,7 @@ World::World(std::unique_ptr<link::Client> client, const Options& options)
       info_(client_->world()),
       timeout_(options.timeout),
       follows_(options.follows),
-      ground_(client_->connection(), options.timeout) {
+      ground_(client_->connection(), options.timeout, options.terrain) {
   client_->connection().skipSteps(!follows_);
 }
 
@@ -63,6 +65,10 @@ Result<std::unique_ptr<World>> World::join(std::string_view url, const Options& 
                           .placesOnly = options.placesOnly || !options.camera};
   auto client = link::Client::open(*parsed, hello, {.reconnects = options.reconnects, .timeout = options.timeout});
   if (!client) return Failure{Fault::kRefused, client.error().message};
+  if (const std::uint64_t theirs = (*client)->world().contentHash; options.terrain && terrain::contentHash(*options.terrain) != theirs)
+    return Failure{Fault::kRefused, "the session's terrain has the hash " + text::hexadecimal(theirs) + ", and the one given " +
+                                        text::hexadecimal(terrain::contentHash(*options.terrain)) +
+                                        ": open the same file, with the same seed, parameters and options"};
   return std::unique_ptr<World>(new World(std::move(*client), options));
 }
 

@@ -35,6 +35,7 @@
 #include "common/camera/camera.h"
 #include "common/ground/ground.h"
 #include "common/settings/settings.h"
+#include "common/terrain/terrain.h"
 #include "common/wire/messages.h"
 
 namespace ridgecast::world {
@@ -65,7 +66,8 @@ struct Options {
   std::string ca = {}, token = {};            // core::Url
   std::chrono::milliseconds timeout{10'000};  // of join(), and of queries
   bool reconnects = true;
-  bool everybody = false;   // hears of each member, not only of those near it (Hello.near)
+  bool everybody = false;                                // hears of each member, not only of those near it (Hello.near)
+  std::shared_ptr<const terrain::Terrain> terrain = {};  // the session's, held here, so that the server need not be asked; null: any
   bool placesOnly = false;  // no mesh of what its camera sees: its poses only say where it is; fly() and receive() get no iterations
 };
 

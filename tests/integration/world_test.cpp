@@ -1,5 +1,6 @@
 // The C interface, and with it the C++ library behind it, over a real server: members of one session, their clock,
 // the ground, the mesh, and a server that is killed.
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <csignal>
@@ -158,6 +159,59 @@ TEST_F(WorldTest, AsksTheServerForAHeightMap) {
   rc_ray bad = ray;
   bad.reach = -1;
   EXPECT_EQ(rc_terrain_rays(there, &bad, 1, &hit), RC_INVALID);
+
+  // Unless it is here, too.
+  rc_join_options with{};
+  with.terrain = here.get();
+  const World same_world = join(mapped.url(), with);
+  EXPECT_TRUE(infoOf(same_world).is_local);
+  rc_terrain* local = rc_world_terrain(same_world.get());
+  EXPECT_EQ(heightsOf(local, places), heightsOf(here.get(), places));
+  const std::string crater = R"({"op": "crater", "x": 100, "z": 100, "radius": 20, "depth": 5})";
+  std::uint64_t number = 0;
+  ASSERT_EQ(rc_world_edit(world.get(), crater.c_str(), "", kWait, &number), RC_OK) << rc_message();
+  places = {100, 100, 101, 100};
+  const std::vector<float> edited = heightsOf(there, places);
+  EXPECT_LT(edited[0], heightsOf(here.get(), places)[0] - 4);
+  for (double waited = 0; waited < kWait && heightsOf(local, places) != edited; waited += 0.01)
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  EXPECT_EQ(heightsOf(local, places), edited) << "with the session's edits";
+  const Terrain other = open("alpine");
+  with.size = sizeof with;
+  with.terrain = other.get();
+  rc_world* none = nullptr;
+  EXPECT_EQ(rc_join(mapped.url().c_str(), &with, &none), RC_REFUSED);
+  EXPECT_THAT(rc_message(), testing::HasSubstr("open the same file"));
+  with.terrain = there;
+  EXPECT_EQ(rc_join(mapped.url().c_str(), &with, &none), RC_INVALID);
+}
+
+TEST(CTerrain, PatchesAreTheHeightsAroundBodies) {
+  const Terrain alpine = open("alpine");
+  constexpr std::size_t kBodies = 300, kOffsets = 187;
+  std::mt19937 random(5);
+  std::uniform_real_distribution<double> near(-9, 9), far(-1e6, 1e6);
+  std::vector<double> bodies, offsets, places;
+  for (std::size_t m = 0; m < kOffsets; ++m) offsets.insert(offsets.end(), {near(random), near(random)});
+  for (std::size_t k = 0; k < kBodies; ++k) {
+    const double x = far(random), z = far(random), yaw = near(random);
+    bodies.insert(bodies.end(), {x, z, yaw});
+    for (std::size_t m = 0; m < kOffsets; ++m) {
+      const double right = offsets[2 * m], ahead = -offsets[2 * m + 1];
+      places.push_back(x + right * std::cos(yaw) - ahead * std::sin(yaw));
+      places.push_back(z - right * std::sin(yaw) - ahead * std::cos(yaw));
+    }
+  }
+  std::vector<float> patches(kBodies * kOffsets);
+  ASSERT_EQ(rc_terrain_patches(alpine.get(), bodies.data(), kBodies, offsets.data(), kOffsets, patches.data()), RC_OK) << rc_message();
+  const std::vector<float> heights = heightsOf(alpine.get(), places);
+  for (std::size_t k = 0; k < patches.size(); ++k) ASSERT_NEAR(patches[k], heights[k], 0.05) << k;  // a step aside at most
+  EXPECT_EQ(rc_terrain_patches(alpine.get(), bodies.data(), 0, offsets.data(), kOffsets, patches.data()), RC_OK);
+  EXPECT_EQ(rc_terrain_patches(alpine.get(), bodies.data(), kBodies, nullptr, kOffsets, patches.data()), RC_INVALID);
+  EXPECT_EQ(rc_terrain_patches(alpine.get(), bodies.data(), SIZE_MAX / 8, offsets.data(), kOffsets, patches.data()), RC_INVALID);
+  bodies[5] = std::nan("");
+  EXPECT_EQ(rc_terrain_patches(alpine.get(), bodies.data(), kBodies, offsets.data(), kOffsets, patches.data()), RC_INVALID);
+  EXPECT_THAT(rc_message(), testing::HasSubstr("place 187"));
 }
 
 TEST_F(WorldTest, GroundKeepsItsError) {

@@ -60,11 +60,15 @@ class Standing:
     def _standing(self) -> Any:
         return usable(self._handle, "ground")
 
-    def move(self, xz: ArrayLike) -> None:
-        """Call once a step: where all bodies are, (n, 2), in the same order each time. Never waits for heights."""
+    def move(self, xz: ArrayLike) -> NDArray[np.bool_]:
+        """Call once a step: where all bodies are, (n, 2), in the same order each time. Never waits for heights. Returns, (n,), whether the
+        ground around each is there, with all edits that were told by then."""
         at = places(xz, 2, "places").reshape(-1, 2)
+        ready = np.empty(len(at), np.bool_)
         with self._lock:
             check(lib.rc_standing_move(self._standing, doubles(at), len(at)))
+            check(lib.rc_standing_ready(self._standing, len(at), ffi.from_buffer("uint8_t[]", ready)))
+        return ready
 
     def wait(self, timeout: float = 10.0) -> None:
         """Waits until the ground around all bodies is there, with all edits that this member has made or been told of: call it at the

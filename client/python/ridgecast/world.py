@@ -5,7 +5,7 @@ import math
 import uuid
 import weakref
 from dataclasses import dataclass
-from typing import Any, Callable, List, Mapping, Optional, Tuple
+from typing import Any, Callable, List, Mapping, Optional, Tuple, Union
 from urllib.parse import quote
 
 import numpy as np
@@ -14,7 +14,7 @@ from ._errors import Invalid
 from ._library import check, ffi, in_slices, interruptible, lib, owned, struct, text, usable
 from .mesh import Mesh, take
 from .standing import Standing
-from .terrain import Questions
+from .terrain import Questions, Terrain
 
 
 @dataclass(frozen=True)
@@ -340,11 +340,12 @@ def _plain(value: Any) -> Any:
     raise Invalid(f"an edit's fields are numbers, strings and lists, not {type(value).__name__}")
 
 
-def join(url: str = "ws://127.0.0.1:7070", *, session: Optional[str] = None, terrain: Optional[str] = None, seed: Optional[int] = None,
-         parameters: Optional[Mapping[str, float]] = None, clock: Optional[str] = None, name: str = "", sensor: bool = False,
-         follow: bool = False, lockstep: bool = False, triangles: int = 0, threshold: float = 0.0, token: Optional[str] = None,
+def join(url: str = "ws://127.0.0.1:7070", *, session: Optional[str] = None, terrain: Union[str, Terrain, None] = None,
+         seed: Optional[int] = None, parameters: Optional[Mapping[str, float]] = None, clock: Optional[str] = None, name: str = "",
+         sensor: bool = False, follow: bool = False, lockstep: bool = False, triangles: int = 0, threshold: float = 0.0, token: Optional[str] = None,
          ca: Optional[str] = None, reconnect: bool = True, timeout: float = 10.0, everybody: bool = False, mesh: bool = True) -> World:
-    """Joins a session; if it does not exist and a terrain is named, the server creates it.
+    """Joins a session; if it does not exist and a terrain is named, the server creates it. A session's height map or terrain file that lies
+    here, too, may be given as a `Terrain`: then heights do not ask the server. Raises Refused if it is another.
 
     clock: with "stepped", the clock of a new session stands at 0 until its first step. sensor: a member without a camera's mesh. follow:
     each step of the clock waits until this member has done it (clock.next). lockstep: one iteration for each pose, the same meshes for the
@@ -355,7 +356,7 @@ def join(url: str = "ws://127.0.0.1:7070", *, session: Optional[str] = None, ter
     query: List[str] = []
     if session is not None:
         query.append(f"session={quote(session, safe='')}")
-    if terrain is not None:
+    if terrain is not None and not isinstance(terrain, Terrain):
         query.append(f"terrain={quote(terrain, safe='')}")
     if seed is not None:
         query.append(f"seed={int(seed)}")
@@ -365,7 +366,8 @@ def join(url: str = "ws://127.0.0.1:7070", *, session: Optional[str] = None, ter
     spelt = text(url + ("&" if "?" in url else "?") * bool(query) + "&".join(query))
     words = text(name), text(token), text(ca)
     options = struct("rc_join_options", name=words[0], token=words[1], ca=words[2], sensor=sensor, follows=follow, lockstep=lockstep,
-                     stays_lost=not reconnect, triangles=triangles, threshold=threshold, timeout=timeout, everybody=everybody, places_only=not mesh)
+                     stays_lost=not reconnect, triangles=triangles, threshold=threshold, timeout=timeout, everybody=everybody, places_only=not mesh,
+                     terrain=terrain._terrain if isinstance(terrain, Terrain) else ffi.NULL)
     out = ffi.new("rc_world**")
     interruptible(lambda: lib.rc_join(spelt, options, out), lambda: lib.rc_world_close(out[0]))
     return World(owned(out[0], lib.rc_world_close))

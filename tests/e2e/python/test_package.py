@@ -172,6 +172,23 @@ class TerrainTest(unittest.TestCase):
         thread.join()
         self.assertGreater(after - before, 50)  # without the lock given back: one or two at most a call
 
+    def test_patches_are_heights_around_bodies(self) -> None:
+        alpine = rc.Terrain("alpine")
+        random = np.random.default_rng(3)
+        bodies = np.concatenate([random.uniform(-1e6, 1e6, (50, 4, 2)), random.uniform(-4, 4, (50, 4, 1))], axis=-1)
+        right, behind = np.meshgrid(np.linspace(-0.5, 0.5, 11), np.linspace(-0.8, 0.8, 17))
+        patches = alpine.patches(bodies, np.stack([right, behind], axis=-1))
+        self.assertEqual((patches.shape, patches.dtype), ((50, 4, 17, 11), np.float32))
+        for body, patch in zip(bodies.reshape(-1, 3), patches.reshape(-1, 17, 11)):
+            sin, cos = np.sin(body[2]), np.cos(body[2])
+            at = body[:2] + np.stack([cos * right + sin * behind, cos * behind - sin * right], axis=-1)
+            np.testing.assert_allclose(patch, alpine.heights(at), atol=0.05)  # a step aside at most
+        self.assertEqual(alpine.patches((1, 2, 0), (0, 0)).shape, ())
+        self.assertEqual(alpine.patches((1, 2, 0), (0, 0)), alpine.height(1, 2))
+        self.assertEqual(alpine.patches(np.zeros((0, 3)), np.zeros((5, 2))).shape, (0, 5))
+        self.assertEqual(alpine.patches(np.zeros((5, 3)), np.zeros((0, 2))).shape, (5, 0))
+        self.assertRaises(rc.Invalid, alpine.patches, [[0, 0]], [[0, 0]])
+
     def test_ground_goes_with_bodies(self) -> None:
         alpine = rc.Terrain("alpine")
         ground = alpine.standing(spacing=0.5, radius=20)
@@ -179,8 +196,10 @@ class TerrainTest(unittest.TestCase):
         at = random.uniform(-1e6, 1e6, (300, 2))
         for _ in range(20):
             at += random.uniform(-3, 3, at.shape)
-            ground.move(at)
+            ready = ground.move(at)
+            self.assertEqual((ready.shape, ready.dtype), ((300,), bool))
             ground.wait(60)
+            self.assertTrue(ground.move(at).all())
             ground.changes()
             for x, z in at:
                 for dx, dz in ((-20, 0), (20, 0), (0, -20), (0, 20), (0, 0)):
@@ -255,6 +274,22 @@ class WorldTest(unittest.TestCase):
                     world.standing):
             self.assertRaises(rc.Invalid, use)
         world.close()
+
+    def test_a_map_that_lies_here_needs_no_server(self) -> None:
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder) / "hill.r16"
+            file.write_bytes(np.random.default_rng(1).integers(0, 500, (64, 64)).astype("<u2").tobytes())
+            options = "pitch=10"
+            with rc.server(str(file), raster=options.split(), quiet=True) as server:
+                hill, other = rc.Terrain(str(file), raster=options), rc.Terrain(str(file), raster="pitch=11")
+                at = places(1000) % 400
+                with rc.join(server.url) as asked, rc.join(server.url, terrain=hill) as local:
+                    self.assertEqual((asked.is_local, local.is_local), (False, True))
+                    np.testing.assert_array_equal(asked.heights(at), local.heights(at))
+                    local.edit("crater", x=100, z=100, radius=30, depth=5)
+                    np.testing.assert_array_equal(asked.heights(at), local.heights(at))
+                    self.assertLess(local.height(100, 100), hill.height(100, 100) - 4)
+                self.assertRaisesRegex(rc.Refused, "another|open the same file", rc.join, server.url, terrain=other)
 
     def test_sessions_are_made_and_joined(self) -> None:
         with rc.join(self.server.url, session="race", terrain="archipelago", seed=3, parameters={"heathLine": 640}, name="Ada") as ada:

@@ -366,6 +366,40 @@ TEST(StandingGround, TilesStayUntilTheirSuccessorsAreThere) {
   expectTrue(held, site);
 }
 
+TEST(StandingGround, SaysWhichBodiesHaveTheirGround) {
+  Site site;
+  std::mutex busy;
+  site.meanwhile = [&] { const std::lock_guard lock(busy); };
+  const auto ground = make(site.source());
+  const auto ready = [&] {
+    std::vector<std::uint8_t> out(ground->bodies());
+    ground->ready(out);
+    return out;
+  };
+  const std::vector<Point> bodies{{0, 0}, {5000 * kMetre, 0}};
+  EXPECT_THAT(ready(), testing::IsEmpty());
+  {
+    const std::lock_guard lock(busy);
+    ASSERT_TRUE(ground->move(bodies));
+    EXPECT_THAT(ready(), testing::ElementsAre(0, 0));
+  }
+  ASSERT_TRUE(ground->wait(kLong));
+  EXPECT_THAT(ready(), testing::ElementsAre(1, 1));
+  {
+    const std::lock_guard lock(busy);
+    site.edit(craterAt(5016, 16, 5, 6));
+    ASSERT_TRUE(ground->move(bodies));
+    EXPECT_THAT(ready(), testing::ElementsAre(1, 0)) << "an edit is not in the ground there";
+  }
+  ASSERT_TRUE(ground->wait(kLong));
+  EXPECT_THAT(ready(), testing::ElementsAre(1, 1));
+  {
+    const std::lock_guard lock(busy);
+    ASSERT_TRUE(ground->move(std::vector<Point>{{8 * kMetre, 0}, {6000 * kMetre, 0}, {8 * kMetre, 9 * kMetre}}));
+    EXPECT_THAT(ready(), testing::ElementsAre(1, 0, 1)) << "what was made ahead serves";
+  }
+}
+
 TEST(StandingGround, WaitWaitsForTheLastEditKnown) {
   Site site;
   const auto ground = make(site.source());
