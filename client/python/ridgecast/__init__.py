@@ -14,7 +14,9 @@ Calls release the GIL, and Ctrl-C interrupts those that wait. Terrains and meshe
 
 from ._errors import Error, Invalid, Lost, Refused, Timeout
 from ._library import version as __version__
+from .frames import enu, from_ros, quaternion, ros, xyz
 from .glb import read_glb
+from .grid import Grid
 from .mesh import Mesh
 from .scan import BEAMS, Scan, lidar, pinhole, rosette
 from .server import Server, server
@@ -23,6 +25,7 @@ from .terrain import Hits, Terrain
 from .world import Cell, Clock, Iteration, Leaf, Member, World, join
 
 __all__ = [
-    "BEAMS", "Cell", "Clock", "Error", "Hits", "Invalid", "Iteration", "Leaf", "Lost", "Member", "Mesh", "Refused", "Scan", "Server", "Standing",
-    "Terrain", "Tile", "Timeout", "World", "join", "lidar", "pinhole", "read_glb", "rosette", "server",
+    "BEAMS", "Cell", "Clock", "Error", "Grid", "Hits", "Invalid", "Iteration", "Leaf", "Lost", "Member", "Mesh", "Refused", "Scan",
+    "Server", "Standing", "Terrain", "Tile", "Timeout", "World", "enu", "from_ros", "join", "lidar", "pinhole", "quaternion",
+    "read_glb", "ros", "rosette", "server", "xyz",
 ]

@@ -1,12 +1,14 @@
 """Triangles of the ground."""
 
+import os
 from dataclasses import dataclass
-from typing import Any, Tuple
+from typing import Any, Tuple, Union
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ._library import ffi, lib, owned
+from .grid import save_triangles
 
 
 @dataclass(frozen=True)
@@ -23,6 +25,11 @@ class Mesh:
     triangles: NDArray[np.uint32]
     origin: Tuple[float, float]
     error: float
+
+    def save(self, path: "Union[str, os.PathLike[str]]") -> None:
+        """Writes a file of the kind that its ending names, with `origin` at 0, 0: .obj, .usda (USD, a static collider), .sdf (a static model
+        for Gazebo, its triangles in an .obj beside it)."""
+        save_triangles(path, self.positions, self.triangles)
 
 
 def take(handle: Any) -> Mesh:

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ._errors import Invalid
 from ._library import real
+from .frames import matrices
 
 #: Lowest and highest beam, degrees, of turning lidars with so many, evenly apart: as VLP-16, HDL-32E, HDL-64E and OS1-128 have them.
 BEAMS: Mapping[int, Tuple[float, float]] = {16: (-15.0, 15.0), 32: (-30.67, 10.67), 64: (-24.8, 2.0), 128: (-22.5, 22.5)}
@@ -61,18 +62,11 @@ def pinhole(width: int, height: int, vertical_fov: float) -> NDArray[np.float64]
     return out
 
 
-def turned(pattern: ArrayLike, yaw: ArrayLike, pitch: ArrayLike, roll: ArrayLike) -> NDArray[np.float64]:
-    """A pattern (k..., 3) as sensors look that are turned so (...): (..., k..., 3). Rolled first, then pitched, then yawed."""
+def turned(pattern: ArrayLike, turn: ArrayLike) -> NDArray[np.float64]:
+    """A pattern (k..., 3) as sensors look that are turned so (..., 4): (..., k..., 3)."""
     own = real(pattern, "directions")
     if own.ndim == 0 or own.shape[-1] != 3:
         raise Invalid(f"a pattern is an array of directions (..., 3), not {own.shape}")
-    angles = np.broadcast_arrays(*(real(a, "angles") for a in (yaw, pitch, roll)))
-    (sy, cy), (sp, cp), (sr, cr) = ((np.sin(a), np.cos(a)) for a in angles)
-    none, one = np.zeros_like(sy), np.ones_like(sy)
-    matrices = [np.stack(rows, axis=-1).reshape(sy.shape + (3, 3)) for rows in (
-        (cy, none, -sy, none, one, none, sy, none, cy),
-        (one, none, none, none, cp, -sp, none, sp, cp),
-        (cr, sr, none, -sr, cr, none, none, none, one))]
-    turn = matrices[0] @ matrices[1] @ matrices[2]
-    out: NDArray[np.float64] = (own.reshape(-1, 3) @ np.swapaxes(turn, -1, -2)).reshape(sy.shape + own.shape)
+    turns = matrices(turn)
+    out: NDArray[np.float64] = (own.reshape(-1, 3) @ np.swapaxes(turns, -1, -2)).reshape(turns.shape[:-2] + own.shape)
     return out

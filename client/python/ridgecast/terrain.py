@@ -1,5 +1,6 @@
 """The true ground: heights, normals, rays."""
 
+import math
 import os
 import threading
 import time
@@ -11,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ._errors import Invalid
 from ._library import check, doubles, ffi, interruptible, lib, owned, places, real, struct, text
+from .grid import Grid
 from .scan import Scan, turned
 from .server import program
 from .standing import Standing
@@ -83,6 +85,16 @@ class Questions:
         """The height at one place, metres."""
         return float(self.heights((x, z)))
 
+    def patches(self, bodies: ArrayLike, offsets: ArrayLike) -> NDArray[np.float32]:
+        """Heights around bodies (..., 3): x, z, yaw, at offsets (k..., 2) to their right and behind them, metres: float32 (..., k...)."""
+        at, around = places(bodies, 3, "bodies"), places(offsets, 2, "offsets")
+        out = np.empty(at.shape[:-1] + around.shape[:-1], np.float32)
+        each = out.size // max(1, at.size // 3)
+        asked, offset, heights = doubles(at), doubles(around), ffi.from_buffer("float[]", out)
+        self._call(at.size // 3, lambda first, n: lib.rc_terrain_patches(
+            self._terrain, asked + 3 * first, n, offset, each, heights + each * first))
+        return out
+
     def normals(self, xz: ArrayLike, spacing: float = 1 / 16) -> NDArray[np.float32]:
         """Unit normals, float32 (..., 3), at places (..., 2), of the planes through the heights `spacing` metres to each side."""
         at = places(xz, 2, "places")
@@ -115,21 +127,22 @@ class Questions:
         out[nowhere, 0] = np.inf
         return Hits(out[:, 0].reshape(shape), out[:, 1:4].reshape(shape + (3,)), out[:, 4:].reshape(shape + (3,)))
 
-    def scan(self, at: ArrayLike, pattern: ArrayLike, *, yaw: ArrayLike = 0.0, pitch: ArrayLike = 0.0, roll: ArrayLike = 0.0,
-             reach: float = 100.0, noise: float = 0.0, dropouts: float = 0.0, seed: int = 0) -> Scan:
+    def scan(self, at: ArrayLike, pattern: ArrayLike, turn: ArrayLike = (0, 0, 0, 1), *, reach: float = 100.0, noise: float = 0.0,
+             dropouts: float = 0.0, seed: int = 0) -> Scan:
         """What sensors at points (..., 3) measure whose beams are the pattern (k..., 3): `rc.lidar(64)`, `rc.rosette()`, `rc.pinhole(...)`, or
         directions of your own in the sensor's frame.
 
-        yaw (clockwise from north, where -z is), pitch (up), roll (to the right), radians: of all sensors or each (...). noise: the standard
-        deviation of distances, metres; dropouts: how many of a ray's echoes are lost, 0 to 1. Both are the same for the same seed.
+        turn: a quaternion x, y, z, w of all sensors or each (..., 4), such as `rc.quaternion(yaw, pitch, roll)`; they look to the north else.
+        noise: the standard deviation of distances, metres; dropouts: how many of a ray's echoes are lost, 0 to 1. Both are the same for the
+        same seed.
         """
         if not (noise >= 0 and 0 <= dropouts <= 1):
             raise Invalid("noise is 0 or more, and dropouts are 0 to 1")
         sensors = places(at, 3, "points")
         try:
-            beams = turned(pattern, *np.broadcast_arrays(yaw, pitch, roll, np.zeros(sensors.shape[:-1]))[:3])
+            beams = turned(pattern, np.broadcast_to(real(turn, "turns"), sensors.shape[:-1] + (4,)))
         except ValueError:
-            raise Invalid(f"yaw, pitch and roll are one number each, or of the points' shape, {sensors.shape[:-1]}") from None
+            raise Invalid(f"a turn is one quaternion, (4,), or one for each of the points, {sensors.shape[:-1] + (4,)}") from None
         hits = self.rays(sensors.reshape(sensors.shape[:-1] + (1,) * (beams.ndim - sensors.ndim) + (3,)), beams, reach)
         random = np.random.default_rng(seed)
         back = np.isfinite(hits.distance)
@@ -147,6 +160,16 @@ class Questions:
         reach = np.linalg.norm(towards, axis=-1)
         towards[reach == 0] = (0, 1, 0)
         return np.asarray(np.isinf(self.rays(begin, towards, np.maximum(reach - 0.01, 0)).distance))
+
+    def grid(self, center: Tuple[float, float], size: Union[float, Tuple[float, float]], spacing: float) -> Grid:
+        """Heights around a center (x, z), `spacing` metres apart, to be saved for a simulator. size: east to west and north to south, metres;
+        of a square one number; rounded up to whole squares."""
+        across, along = (float(s) for s in (size if isinstance(size, tuple) else (size, size)))
+        if not (spacing > 0 and across > 0 and along > 0 and across / spacing * (along / spacing) <= 1e8):
+            raise Invalid("a spacing and a size are above 0, and a grid has at most 100,000,000 squares")
+        x, z = (c + spacing * (np.arange(n + 1) - n / 2)
+                for c, n in zip(center, (math.ceil(across / spacing), math.ceil(along / spacing))))
+        return Grid(self.heights(np.stack(np.meshgrid(x, z), axis=-1)), float(spacing), (float(center[0]), float(center[1])))
 
     def standing(self, spacing: float = 1.0, radius: Optional[float] = None, memory: int = 50_000_000) -> Standing:
         """Ground under bodies: heights `spacing` metres apart (a multiple of 1/64), `radius` metres around each (default: 32 times the

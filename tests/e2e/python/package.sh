@@ -15,8 +15,9 @@ cd "$scratch"
 # What is used after it was freed is not what it was.
 PYTHONWARNINGS=error MALLOC_PERTURB_=85 venv/bin/python "$source/tests/e2e/python/test_package.py"
 PYTHONWARNINGS=error MALLOC_PERTURB_=85 venv/bin/python "$source/tests/e2e/python/test_scan.py"
+PYTHONWARNINGS=error venv/bin/python "$source/tests/e2e/python/test_grid.py"
 MALLOC_PERTURB_=85 venv/bin/python "$source/tests/e2e/python/test_members.py" "$build/bin/python_member"
-PYTHONWARNINGS=error PYTHONPATH=$source/client/python/examples PYTHONDONTWRITEBYTECODE=1 venv/bin/python "$source/tests/e2e/python/test_drones.py"
+PYTHONWARNINGS=error venv/bin/python "$source/tests/e2e/python/test_drones.py"
 venv/bin/python "$source/client/python/examples/drones.py" 200
 if "$python" -c 'import matplotlib' 2>/dev/null; then
   mkdir pictures

@@ -1,11 +1,11 @@
-"""The environment of client/python/examples, against what is worked out by hand."""
+"""The environment of ridgecast.gym, against what is worked out by hand."""
 
 import unittest
 
 import numpy as np
-from drones import Drones
 
 import ridgecast as rc
+from ridgecast.gym import Drones
 
 ALPINE = rc.Terrain("alpine", seed=3)
 
@@ -53,7 +53,22 @@ class DronesTest(unittest.TestCase):
         for drone in range(4):
             x, y, z = drones._at[drone]
             expected = [y - ALPINE.height(x + dx, z + dz) for dz in (-8, -4, 0, 4, 8) for dx in (-8, -4, 0, 4, 8)]
-            np.testing.assert_allclose(seen[drone, :25], expected, rtol=0, atol=1e-9)
+            np.testing.assert_allclose(seen[drone, :25], expected, rtol=0, atol=1e-4)
+
+    def test_rays_are_those_of_the_true_ground_around(self) -> None:
+        drones = Drones(ALPINE, 40, rays=8, extent=5000)
+        seen, _ = drones.reset(seed=3)
+        drones._at[:, 1] -= 28  # 2 m above the ground
+        seen = drones.step(np.zeros((40, 3)))[0]
+        self.assertTrue((seen[:, 31:] < 50).any() and (seen[:, 31:] == 50).any())
+        for drone in range(40):
+            for k, angle in enumerate(np.arange(8) * np.pi / 4):
+                hit = ALPINE.rays(drones._at[drone], (np.sin(angle), 0, -np.cos(angle)), 50).distance
+                np.testing.assert_allclose(seen[drone, 31 + k], min(hit, 50), atol=1e-3)
+        self.assertEqual(seen.dtype, np.float32)
+        self.assertEqual(seen.shape, drones.observation_space.shape)
+        self.assertEqual(Drones(ALPINE, 2, rays=0).reset()[0].shape, (2, 31))
+        self.assertRaises(rc.Invalid, Drones, ALPINE, 0)
 
 
 if __name__ == "__main__":

@@ -37,19 +37,36 @@ class ScanTest(unittest.TestCase):
     def test_sensors_turn_as_cameras_do(self) -> None:
         ahead, right, up = np.eye(3)[[2, 0, 1]] * [[-1], [1], [1]]
         quarter = np.pi / 2
-        np.testing.assert_allclose(turned(ahead, quarter, 0, 0), (1, 0, 0), atol=1e-12)
-        np.testing.assert_allclose(turned(ahead, 0.3, quarter, 0), (0, 1, 0), atol=1e-12)
-        np.testing.assert_allclose(turned(right, 0, 0, quarter), (0, -1, 0), atol=1e-12)
-        np.testing.assert_allclose(turned(up, 0, 0, quarter), (1, 0, 0), atol=1e-12)
-        self.assertEqual(turned(rc.lidar(16, 4), np.zeros((5, 2)), 0, 0).shape, (5, 2, 16, 4, 3))
+        for yaw, pitch in np.random.default_rng(1).uniform(-1.5, 1.5, (20, 2)):  # PROTOCOL.md, Units
+            forward = -np.sin(yaw) * np.cos(pitch), np.sin(pitch), -np.cos(yaw) * np.cos(pitch)
+            np.testing.assert_allclose(turned(ahead, rc.quaternion(yaw, pitch, 0.7)), forward, atol=1e-12)
+        np.testing.assert_allclose(turned(right, rc.quaternion(roll=quarter)), (0, -1, 0), atol=1e-12)
+        np.testing.assert_allclose(turned(up, rc.quaternion(roll=quarter)), (1, 0, 0), atol=1e-12)
+        self.assertEqual(turned(rc.lidar(16, 4), rc.quaternion(np.zeros((5, 2)))).shape, (5, 2, 16, 4, 3))
+
+    def test_other_frames_are_turned_and_not_mirrored(self) -> None:
+        random = np.random.default_rng(1)
+        points = random.normal(size=(7, 3))
+        np.testing.assert_array_equal(rc.enu([1, 2, 3]), [1, -3, 2])
+        np.testing.assert_array_equal(rc.xyz(rc.enu(points)), points)
+        self.assertAlmostEqual(np.linalg.det(rc.enu(np.eye(3))), 1)
+        turns = rc.quaternion(*random.uniform(-3, 3, (3, 50)))
+        np.testing.assert_allclose(rc.from_ros(rc.ros(turns)), turns, atol=1e-12)
+        for yaw, east_north in ((0, (0, 1)), (np.pi / 2, (-1, 0)), (-np.pi / 2, (1, 0))):
+            np.testing.assert_allclose(turned((1, 0, 0), rc.ros(rc.quaternion(yaw))), (*east_north, 0), atol=1e-12)
+        ahead_left_up = np.array([(0, 0, -1), (-1, 0, 0), (0, 1, 0)])
+        np.testing.assert_allclose(rc.enu(turned(ahead_left_up, turns)), turned(np.eye(3), rc.ros(turns)), atol=1e-12)
+        for wrong in (lambda: rc.enu([1, 2]), lambda: rc.ros([0, 0, 1]), lambda: turned([0, 0, 1], [0, 0, 0, 0]),
+                      lambda: turned([0, 0, 1], [0, 0, 0, np.nan]), lambda: rc.quaternion([0, 1], [0, 1, 2])):
+            self.assertRaises(rc.Invalid, wrong)
 
     def test_a_scan_is_its_rays(self) -> None:
-        yaw, pitch = np.array([0.3, 2.0]), np.array([0.0, -0.1])
-        scan = self.canyon.scan(self.at, rc.lidar(32, 64), yaw=yaw, pitch=pitch, reach=300)
+        turns = rc.quaternion([0.3, 2.0], [0.0, -0.1])
+        scan = self.canyon.scan(self.at, rc.lidar(32, 64), turns, reach=300)
         self.assertEqual((scan.distance.shape, scan.distance.dtype), ((2, 32, 64), np.float32))
         self.assertEqual((scan.at.shape, scan.normal.shape), ((2, 32, 64, 3), (2, 32, 64, 3)))
         for k in range(2):
-            one = self.canyon.rays(self.at[k], turned(rc.lidar(32, 64), yaw[k], pitch[k], 0), 300)
+            one = self.canyon.rays(self.at[k], turned(rc.lidar(32, 64), turns[k]), 300)
             np.testing.assert_array_equal(scan.distance[k], one.distance.astype(np.float32))
             np.testing.assert_array_equal(scan.at[k], one.at)
         back = np.isfinite(scan.distance)
@@ -57,7 +74,7 @@ class ScanTest(unittest.TestCase):
         np.testing.assert_allclose(self.canyon.heights(scan.at[back][:, ::2]), scan.at[back][:, 1], atol=0.05)
         self.assertEqual(self.canyon.scan(self.at[0], rc.pinhole(4, 3, 1.0)).distance.shape, (3, 4))
         self.assertEqual(self.canyon.scan(np.zeros((0, 3)), rc.rosette(7)).distance.shape, (0, 7))
-        self.assertRaises(rc.Invalid, self.canyon.scan, self.at, rc.rosette(7), yaw=np.zeros(3))
+        self.assertRaises(rc.Invalid, self.canyon.scan, self.at, rc.rosette(7), np.zeros((3, 4)))
         self.assertRaises(rc.Invalid, self.canyon.scan, self.at, np.zeros((4, 2)))
 
     def test_noise_and_dropouts_repeat(self) -> None:
