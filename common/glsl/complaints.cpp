@@ -180,6 +180,10 @@ std::string advice(std::string_view file, std::string_view text) {
       complaints.push_back(at(file, number) + (isOne ? "'fract'(sin(...))" : "'43758.5'") +
                            " is noise that differs between machines and loses its bits far out; write valueNoise(p.cell, p.at, "
                            "mixedSeed(seed)).x, or hash the square's integers");
+    if (line.find("vec2(cell)+fraction") != std::string::npos && line.find("4096.") != std::string::npos)
+      complaints.push_back(at(file, number) +
+                           "'cell' in metres is a float of 24 bits: the ground is bricks of 2 m from 20,000 km on, and one plain farther "
+                           "out; write widestPlace(cell, fraction), whose p.cell and p.at noise takes");
     if (takesPowerOfNegative(whole))
       complaints.push_back(at(file, number) +
                            "'pow' is not a number where its base is negative, as this one may be; write pow(abs(a), b) or "

@@ -147,15 +147,21 @@ constexpr int sign(int v) { return v > 0 ? 1 : v < 0 ? -1 : 0; }
 inline float inversesqrt(float v) { return 1.0f / sqrt(v); }
 inline float radians(float v) { return v * 0.017453292f; }
 inline float degrees(float v) { return v * 57.29578f; }
-inline float sin(float v) {
-  const float turns = floor(v * 0.31830989f + 0.5f);
-  const float r = (v - turns * 3.140625f) - turns * 0.00096765359f;
-  const float s = r * r;
+// Of a sum that a float could not hold: places in metres are far out. Beyond 10^15 turns it is some number in [-1, 1].
+inline float sine(double v) {
+  constexpr double kWhole = 6755399441055744.0;  // 3 * 2^51: adding it rounds to the nearest whole number, in vector code, too
+  const double turns = (v * 0.31830988618379067 + kWhole) - kWhole;
+  const double odd = turns - 2.0 * ((turns * 0.5 + kWhole) - kWhole);
+  const float r = clamp(float(v - turns * 3.1415926535897931), -1.5707964f, 1.5707964f), s = r * r;
   const float p = r + r * s * (-0.16666667f + s * (0.0083333310f + s * (-0.00019840874f + s * 2.7525562e-06f)));
-  return floor(turns * 0.5f) * 2.0f == turns ? p : -p;
+  return clamp(odd != 0.0 ? -p : p, -1.0f, 1.0f);
 }
-inline float cos(float v) { return sin(v + 1.5707964f); }
-inline float tan(float v) { return sin(v) / cos(v); }
+inline float sin(float v) { return sine(double(v)); }
+inline float cos(float v) { return sine(double(v) + 1.5707963267948966); }
+inline float tan(float v) {
+  const float c = cos(v);
+  return sin(v) / (abs(c) < 1e-7f ? 1e-7f : c);
+}
 inline float exp2(float v) {
   const float c = clamp(v, -126.0f, 127.99999f);
   const float whole = floor(c), f = c - whole;

@@ -14,6 +14,7 @@
 #include <bit>
 #include <cmath>
 #include <fstream>
+#include <random>
 
 #include "common/glsl/library.h"
 #include "common/glsl/probe.h"
@@ -206,6 +207,42 @@ TEST_F(Files, glslOfManyKinds) {
               1000.0 * (std::sin(1.0) + std::cos(2.0) + std::exp(0.5) + std::log(3.0) + std::pow(2.0, 1.5) + std::atan2(1.0, -2.0) + 5.0 +
                         std::tanh(0.5)),
               0.05);
+}
+
+// Of metres far out, whose sine was beyond 1, and then infinite.
+TEST_F(Files, wavesAreTrueAndBoundedFarOut) {
+  std::string table;
+  std::vector<float> angles;
+  for (const double v : {0.0, 1.0, -3.0, 1.5, 100.25, -12'345.5, 1e6, 16'777'216.0, 1e9, -2.5e9, 4.4e10}) {
+    angles.push_back(static_cast<float>(v));
+    table += (table.empty() ? "" : ", ") + std::to_string(angles.back());
+  }
+  const std::string before = "const float table[] = float[](" + table + ");\n";
+  const auto terrain = made(
+      "float v = table[min(int(fraction.x * 4096.0), table.length() - 1)];\n"
+      "switch (int(fraction.y * 4096.0)) { case 0: return sin(v); case 1: return cos(v); case 2: return tan(v); }\n"
+      "vec2 metres = vec2(cell) * 4096.0 + fraction;\n"
+      "return 100.0 * sin(metres.x * 0.01) * cos(metres.y * 3.0) + sin(float(cell.x) * 1e25) + tan(float(cell.y) * 1e4) * 1e-6;\n",
+      before);
+  ASSERT_TRUE(terrain) << terrain.error().message;
+  for (std::size_t k = 0; k < angles.size(); ++k) {
+    const auto x = static_cast<lattice::Step>(k) * lattice::kStepsPerMetre;
+    const double v = angles[k], tan = std::tan(v);
+    EXPECT_NEAR((*terrain)->height({x, 0}), std::sin(v), 0.005) << v;
+    EXPECT_NEAR((*terrain)->height({x, 256}), std::cos(v), 0.005) << v;
+    EXPECT_NEAR((*terrain)->height({x, 512}), tan, 0.005 + 1e-5 * tan * tan) << v;
+  }
+  std::mt19937_64 random(1);
+  for (int k = 0; k < 10'000; ++k) {
+    const auto anywhere = [&] { return static_cast<lattice::Step>(random() % (1ull << 51)) - (lattice::Step{1} << 50); };
+    EXPECT_LE(std::abs((*terrain)->height({anywhere(), anywhere() | 1024})), 111.1);  // a tangent is 1e7 at most
+  }
+}
+
+TEST_F(Files, metresAreAdvisedAgainst) {
+  EXPECT_TRUE(made("vec2 metres = ( vec2(cell) + fraction ) * 4096.0;\nreturn sin(metres.x);\n"));
+  ASSERT_EQ(complaints_.size(), 1u);
+  EXPECT_THAT(complaints_[0], testing::AllOf(HasSubstr("1.glsl:2: 'cell'"), HasSubstr("widestPlace("), HasSubstr("bricks")));
 }
 
 // Nothing that a file can write may trap or leave its memory.
