@@ -15,8 +15,8 @@
 // Many members are told in turns: one turn holds the lock for about kTurn, and turns take at most half of the time.
 //
 // Over servers: each tells the others on a channel what its own members are and where, those that have changed 20 times a second and each
-// at least once a second, which heals what was lost; in a stepped session before it says that its members are done with a step, or its owner
-// steps. A member of another server that is not heard of for kSilence has left.
+// at least once a second, which heals what was lost; in a stepped session also before it says that its members are done with a step, or
+// that its owner steps. A member of another server that is not heard of for kSilence has left.
 //
 // Any thread. Messages are handed to the members' senders under a lock; senders do not call back.
 // Bounds: one entry a member, with what it was told (news.h); kMaxMembers of other servers.

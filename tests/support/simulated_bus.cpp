@@ -16,7 +16,7 @@ using Run = std::function<void()>;
 namespace {
 
 constexpr SimulatedEngine::Duration kLate = std::chrono::milliseconds(500);  // after a connection broke
-constexpr std::int64_t kEpoch = 1'700'000'000'000'000;  // what its clock says at first, microseconds since 1970
+constexpr std::int64_t kEpoch = 1'700'000'000'000'000;                       // what its clock says at first, microseconds since 1970
 
 }  // namespace
 
