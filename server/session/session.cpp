@@ -149,7 +149,7 @@ void Session::edit(editing::Edit edit, const std::shared_ptr<Budgets>& budgets, 
         });
   };
   if (!claim_ || claiming_->isDone) return ask();
-  const auto early = [resources = resources_, done](Error why) {
+  const auto early = [resources = resources_, done = std::move(done)](Error why) {
     editing::Edits::Answer answer(std::move(why));
     answer.why = editing::Edits::Answer::Why::kEarly;
     count(*resources->figures, answer);

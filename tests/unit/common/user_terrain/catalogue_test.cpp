@@ -226,7 +226,7 @@ TEST_F(Files, wavesAreTrueAndBoundedFarOut) {
       before);
   ASSERT_TRUE(terrain) << terrain.error().message;
   for (std::size_t k = 0; k < angles.size(); ++k) {
-    const auto x = static_cast<lattice::Step>(k) * lattice::kStepsPerMetre;
+    const lattice::Step x = static_cast<lattice::Step>(k) * 256;
     const double v = angles[k], tan = std::tan(v);
     EXPECT_NEAR((*terrain)->height({x, 0}), std::sin(v), 0.005) << v;
     EXPECT_NEAR((*terrain)->height({x, 256}), std::cos(v), 0.005) << v;
