@@ -119,8 +119,8 @@ class Presence : public std::enable_shared_from_this<Presence> {
   void schedule(Entry& entry, Timer::Time due);
   const CrowdPart& crowdPart();
   void remove(std::uint64_t camera);
-  std::vector<std::string> toShare();
-  void shareNow();  // both under telling_ alone
+  std::vector<std::string> toShare();  // under both locks
+  void shareNow();                     // under telling_ alone
   void tick();
   void hear(const std::string& message);
 
