@@ -1,9 +1,9 @@
 """Several servers of one world behind HAProxy and beside Redis, all as processes. Members place themselves and edit, cameras fly, a stepped
 and a real clock run, while each server and then Redis is killed, stopped and out of disk. Judged at the end, and written down for each
 phase: one ground everywhere, no acknowledged edit lost and none made twice, members that see their neighbours, meshes that go on.
-    servers.py SERVER DOCKER [acceptance|split]      PYTHONPATH has the package of this build
-Sizes, from the environment: SERVERS, MEMBERS, CAMERAS, PAUSE (seconds between two failures), OUTAGE (of Redis), ROUNDS (of split). Times
-are judged with MEASURE=1, on a machine that does nothing else; the rest always."""
+    servers.py SERVER DOCKER [acceptance|split|steps]      PYTHONPATH has the package of this build
+Sizes, from the environment: SERVERS, MEMBERS, CAMERAS, PAUSE (seconds between two failures), OUTAGE (of Redis), ROUNDS (of split and
+steps). Times are judged with MEASURE=1, on a machine that does nothing else; the rest always."""
 
 import http.client
 import json
@@ -19,7 +19,7 @@ import tempfile
 import threading
 import time
 from collections import Counter
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any, Callable, Dict, List, Optional, Tuple
 
@@ -611,6 +611,40 @@ def split(place: Place) -> None:
         say(f"{what}: {splits} of {(turn + 1) * len(sessions)} split, {joined} have joined")
 
 
+def steps(place: Place) -> None:
+    """What is read after a step is of that step, whichever servers they are on who read and who are read."""
+    place.start()
+    url = f"{place.url}?session=steps&{WORLD}"
+    owner = rc.join(url, clock="stepped", name="owner", sensor=True, everybody=True, timeout=PATIENCE)
+    followers = [rc.join(url, name=f"follower-{k}", sensor=True, follow=True, everybody=True, timeout=PATIENCE) for k in range(MEMBERS)]
+    until(lambda: all(len(world.members) == MEMBERS for world in [owner, *followers]), "all see all")
+    read: Counter[str] = Counter()
+
+    def judge(world: rc.World, step: int) -> None:
+        for other in world.members:
+            if other.name == "owner":
+                continue
+            seen = int.from_bytes(other.state, "big")
+            read["old" if seen < step else "of it" if seen == step else "of the next"] += 1
+
+    def follow(world: rc.World) -> None:
+        for step in range(1, 50 * ROUNDS + 1):
+            world.clock.next(PATIENCE)
+            judge(world, step - 1)
+            world.place(0, 1000, 0, state=step.to_bytes(4, "big"))
+        with suppress(rc.Error):  # says that it is done; no other comes
+            world.clock.next(PATIENCE)
+
+    for world in followers:
+        thread(lambda world=world: follow(world), "follower")  # type: ignore[misc]
+    for step in range(1, 50 * ROUNDS + 1):
+        owner.clock.step(0.05, PATIENCE)
+        judge(owner, step)
+    say(f"{50 * ROUNDS} steps of {MEMBERS} members on {SERVERS} servers; read: {dict(read)}")
+    if read["old"] or read["of it"] + read["of the next"] < 50 * ROUNDS * MEMBERS * MEMBERS:
+        wrong.append(f"{read['old']} states that were read after a step were older")
+
+
 def main() -> int:
     if not shutil.which("redis-server") or not (shutil.which("haproxy") or os.path.exists("/usr/sbin/haproxy")):
         print("SKIPPED: redis-server or haproxy is not installed: ./run install test")
@@ -620,7 +654,7 @@ def main() -> int:
     with ExitStack() as stack:
         place = Place(stack, SERVERS)
         try:
-            {"acceptance": acceptance, "split": split}[sys.argv[3] if len(sys.argv) > 3 else "acceptance"](place)
+            {"acceptance": acceptance, "split": split, "steps": steps}[sys.argv[3] if len(sys.argv) > 3 else "acceptance"](place)
         except Exception as e:
             wrong.append(f"{type(e).__name__}: {e}")
         over.set()

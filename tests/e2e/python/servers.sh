@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Runs servers.py with the package and the server of a build, without installing:  servers.sh BUILD SOURCE acceptance|split
+# Runs servers.py with the package and the server of a build, without installing:  servers.sh BUILD SOURCE acceptance|split|steps
 set -euo pipefail
 build=$1 source=$2 what=$3
 python=/usr/bin/python3  # Debian's, which has the packages that apt installs
