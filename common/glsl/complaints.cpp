@@ -58,6 +58,17 @@ std::string_view intBefore(std::string_view line, std::size_t at) {
   return isWhole ? line.substr(begin, last + 1 - begin) : std::string_view();
 }
 
+// What a picture's program has and a terrain has not.
+std::string_view insteadOf(std::string_view name) {
+  if (name == "iTime" || name == "iTimeDelta" || name == "iFrame" || name == "iDate" || name == "time")
+    return "; the ground has no time: leave it out, or write a constant";
+  if (name == "iResolution" || name == "iMouse" || name == "fragCoord" || name == "uv")
+    return "; the ground has no picture: its place is in `cell`, a square of 4,096 m, at `fraction` of its sides";
+  if (name.starts_with("iChannel") || name.starts_with("texture") || name == "texelFetch")
+    return "; a terrain has no textures: write valueNoise(p.cell, p.at, mixedSeed(seed)).x with Place p = widestPlace(cell, fraction)";
+  return "";
+}
+
 // An int beside an operator, after return or among a call's arguments: its digits, a part of the line.
 std::string_view strayInt(std::string_view line, std::string_view token, std::string_view complaint, std::size_t nth) {
   const bool isCall = complaint.find("no matching overloaded function") != std::string_view::npos;
@@ -144,7 +155,13 @@ std::string explained(std::string_view file, std::string_view text, std::string_
     const std::string_view token = tokenOf(complaint);
     const std::size_t nth = seen[{number, token}]++;
     const std::string_view stray = strayInt(line, token, complaint, nth);
-    if (!stray.empty()) out.append("; an int does not become a float by itself: write ").append(stray).append(".0");
+    const bool isUint = complaint.find("uint'") != complaint.npos;
+    if (!stray.empty()) {
+      out.append("; an int does not become a ").append(isUint ? "uint" : "float").append(" by itself: write ").append(stray);
+      out.append(isUint ? "u" : ".0");
+    }
+    if (complaint.find("undeclared identifier") != complaint.npos || complaint.find("no matching overloaded") != complaint.npos)
+      out.append(insteadOf(token));
     const auto place = stray.empty() ? placeOf(line, token, nth) : static_cast<std::size_t>(stray.data() - line.data());
     out += excerpt(line, place.value_or(placeOf(line, token).value_or(line.find_first_not_of(" \t"))));
   }

@@ -147,9 +147,14 @@ Outcome<std::vector<TopLevel>> topLevel(std::string_view file, const std::vector
       out.push_back({defined ? kFunction : kPrototype, {tokens[open - 1].text}, line, begin, i, open, defined ? close + 1 : 0});
       continue;
     }
-    refuse(
-        "at its top level a terrain file has functions, structs and constants only; for a value that people may set write: const float "
-        "name = 1.0;  //! 0..2 m: what it is");
+    const std::size_t end = is(open, "[") ? after(open) : open;
+    const bool isValue = open >= begin + 2 && is(end, "=");
+    std::string declared;
+    for (std::size_t k = begin; isValue && k < end; ++k)
+      declared += tokens[k].text + (is(k, "[") || is(k + 1, "[") || is(k + 1, "]") ? "" : " ");
+    refuse("at its top level a terrain file has functions, structs and constants only; " +
+           (isValue ? "write: const " + declared + "= ..."
+                    : "for a value that people may set write: const float name = 1.0;  //! 0..2 m: what it is"));
     i = statementEnd(i);
   }
   if (!wrong.empty()) return joined(file, std::move(wrong));

@@ -292,6 +292,14 @@ TEST_F(Files, otherChecksTellAllErrorsToo) {
   EXPECT_THAT(refused("float a;\nuint b;\n", "return 1.0;\n"), testing::AllOf(HasSubstr(":1: at its top"), HasSubstr(":2: at its top")));
   EXPECT_THAT(refused("", "bool a = cell.x > 0 ^^ cell.y > 0;\nreturn dFdx(fraction.x);\n"),
               testing::AllOf(HasSubstr(":2: the operator ^^"), HasSubstr(":3: 'dFdx' belongs to pictures")));
+  // With what would be right.
+  EXPECT_THAT(refused("", "return float(seed * 3);\n"), HasSubstr("write 3u\n"));
+  EXPECT_THAT(refused("mat2 m = mat2(1.0, 2.0, 3.0, 4.0);\n", "return 1.0;\n"),
+              HasSubstr(":1: at its top level a terrain file has functions, structs and constants only; write: const mat2 m = ..."));
+  EXPECT_THAT(refused("float t[2] = float[2](1.0, 2.0);\n", "return 1.0;\n"), HasSubstr("write: const float t[2] = ..."));
+  EXPECT_THAT(refused("", "return sin(iTime);\n"), HasSubstr("has no time"));
+  EXPECT_THAT(refused("", "vec2 uv = gl_FragCoord.xy / iResolution.xy;\nreturn uv.x;\n"), HasSubstr("has no picture"));
+  EXPECT_THAT(refused("", "return texture(iChannel0, fraction).x;\n"), HasSubstr("no textures: write valueNoise("));
   const std::string many = refused("", []() {
     std::string lines;
     for (int k = 0; k < 50; ++k) lines += "x" + std::to_string(k) + " = 1.0;\n";
