@@ -143,8 +143,8 @@ TEST(SharedMembers, MessagesAreAsLargeAsTheyMayBe) {
 class Follower final : public conversation::Sender {
  public:
   static constexpr std::uint64_t kSteps = 60;
-  Follower(const SimulatedTimer& timer, std::shared_ptr<Presence> presence, std::uint64_t camera, std::size_t all, std::mt19937_64& random)
-      : timer_(timer), presence_(std::move(presence)), camera_(camera), all_(all), random_(random), table_(timer) {}
+  Follower(const SimulatedTimer& timer, Presence& presence, std::uint64_t camera, std::size_t all, std::mt19937_64& random)
+      : timer_(timer), presence_(presence), camera_(camera), all_(all), random_(random), table_(timer) {}
 
   void sendShared(std::shared_ptr<const std::string> encoded, std::shared_ptr<const void> ticket) override {
     table_.sendShared(std::move(encoded), std::move(ticket));
@@ -156,8 +156,8 @@ class Follower final : public conversation::Sender {
     if (std::ranges::find(clock->waitsFor, camera_) != clock->waitsFor.end() && clock->step > moved_) {
       moved_ = clock->step;
       later([this, step = moved_] {
-        presence_->receive(camera_, poseAt(1, 1, 1, step));
-        later([this, step] { presence_->done(camera_, {step}); });
+        presence_.receive(camera_, poseAt(1, 1, 1, step));
+        later([this, step] { presence_.done(camera_, {step}); });
       });
     }
     if (clock->owner == camera_ && clock->waitsFor.empty() && clock->step < kSteps && clock->step >= stepped_) {
@@ -166,8 +166,8 @@ class Follower final : public conversation::Sender {
     }
   }
   void step() {  // by the owner, whom no step waits for
-    presence_->receive(camera_, poseAt(1, 1, 1, stepped_));
-    presence_->step(camera_, {20'000, true});
+    presence_.receive(camera_, poseAt(1, 1, 1, stepped_));
+    presence_.step(camera_, {20'000, true});
   }
   std::size_t queuedBytes() const override { return 0; }
   void fail(wire::ErrorMessage) override { ADD_FAILURE(); }
@@ -186,7 +186,7 @@ class Follower final : public conversation::Sender {
   }
 
   const SimulatedTimer& timer_;
-  const std::shared_ptr<Presence> presence_;
+  Presence& presence_;  // which holds this
   const std::uint64_t camera_;
   const std::size_t all_;
   std::mt19937_64& random_;
@@ -208,7 +208,7 @@ TEST(SharedMembers, AreReadAfterAStepAsOfThatStep) {
     std::vector<std::shared_ptr<Follower>> members;
     for (std::uint64_t camera = 1; camera <= count; ++camera) {
       auto& presence = servers[random() % servers.size()]->presence;
-      members.push_back(std::make_shared<Follower>(timer, presence, camera, count, random));
+      members.push_back(std::make_shared<Follower>(timer, *presence, camera, count, random));
       presence->join(camera, helloOf("m", true), members.back(), {});
     }
     timer.advance(2s);
