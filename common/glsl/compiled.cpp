@@ -52,7 +52,7 @@ class Compiled final : public terrain::Terrain {
   mutable std::atomic<bool> told_ = false;
 };
 
-// The fault that probe() found, at the expression it comes from, or at least at terrainHeight.
+// The fault that probe() found, at the expression it comes from, or at least at the function.
 Error withPlace(const Error& fault, const Source& source, std::uint32_t seed, const Build& build, const std::stop_token& stop) {
   constexpr float kInfinity = std::numeric_limits<float>::infinity();
   if (fault.message.find(faultOf(kInfinity - kInfinity)) == std::string::npos &&
@@ -60,10 +60,13 @@ Error withPlace(const Error& fault, const Source& source, std::uint32_t seed, co
     return fault;
   const auto checked = checkGlsl(source.file, source.text, stop);
   if (!checked) return fault;
-  const auto function = std::ranges::find_if(
-      checked->items, [](const TopLevel& item) { return item.what == TopLevel::What::kFunction && item.names[0] == "terrainHeight"; });
-  expects(function != checked->items.end(), "a file that passed its check has terrainHeight");
+  const bool isColour = fault.message.find(kTheColour) != std::string::npos;
+  const auto function = std::ranges::find_if(checked->items, [&](const TopLevel& item) {
+    return item.what == TopLevel::What::kFunction && item.names[0] == (isColour ? "terrainColor" : "terrainHeight");
+  });
+  expects(function != checked->items.end(), "a file that passed its check has both functions");
   Error atFunction{at(source.file, function->line) + fault.message.substr(source.file.size() + 2)};
+  if (isColour) return atFunction;
   auto translated = translate(source.file, checked->tokens, checked->items);
   const auto scratch = process::Scratch::create();
   if (!translated || !scratch) return atFunction;
@@ -74,7 +77,12 @@ Error withPlace(const Error& fault, const Source& source, std::uint32_t seed, co
   return again || again.error().message == fault.message ? atFunction : again.error();
 }
 
-Outcome<std::shared_ptr<const Library>> built(const Source& source, std::uint32_t seed, const Build& build, const std::stop_token& stop) {
+struct Built {
+  std::shared_ptr<const Library> library;
+  std::string advice;
+};
+
+Outcome<Built> built(const Source& source, std::uint32_t seed, const Build& build, const std::stop_token& stop) {
   const std::string variant = build.variant.empty() ? std::string(terrain::variants().back().name) : build.variant;
   auto cache = Cache::open(build.cache);
   std::optional<process::Scratch> once;  // without a cache folder, compile every time; a loaded library survives the removal of its file
@@ -102,8 +110,11 @@ Outcome<std::shared_ptr<const Library>> built(const Source& source, std::uint32_
   auto file = make(true);
   if (!file && !build.colours && !stop.stop_requested()) file = make(false);
   if (!file) return file.error();
-  if (auto fine = probe(source.file, *file, seed, build.prober, stop); !fine) return withPlace(fine.error(), source, seed, build, stop);
-  return Library::open(*file);
+  auto fine = probe(source.file, *file, seed, build.prober, stop);
+  if (!fine) return withPlace(fine.error(), source, seed, build, stop);
+  auto library = Library::open(*file);
+  if (!library) return library.error();
+  return Built{std::move(*library), std::move(*fine)};
 }
 
 }  // namespace
@@ -117,11 +128,12 @@ Outcome<std::shared_ptr<const terrain::Terrain>> load(Source source, const std::
   auto text = withParameters(source.file, source.text, *declaration, parameters);
   if (!text) return text.error();
   source.text = std::move(*text);
-  auto library = built(source, seed, build, stop);
-  if (!library) return wrong(library.error());
-  if (const std::string better = advice(source.file, source.text); complain && !better.empty()) complain(better);
+  auto made = built(source, seed, build, stop);
+  if (!made) return wrong(made.error());
+  for (const std::string& better : {advice(source.file, source.text), made->advice})
+    if (complain && !better.empty()) complain(better);
   return std::shared_ptr<const terrain::Terrain>(
-      std::make_shared<Compiled>(std::move(source), seed, std::move(*library), std::move(complain)));
+      std::make_shared<Compiled>(std::move(source), seed, std::move(made->library), std::move(complain)));
 }
 
 }  // namespace ridgecast::glsl

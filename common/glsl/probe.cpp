@@ -24,8 +24,10 @@ constexpr std::array<double, 10> kPlaces = {0, 5e3, 1e6, -1e6, 3e7, 1e8, -1e9, 1
 constexpr std::size_t kBatch = 256, kBatches = 16;                                                     // points a place: 4,096
 constexpr std::string_view kFlag = "--probe-terrain";
 
+constexpr float kTolerance = 1e-3f;  // of a colour's components, beyond 0 to 1
+
 // What the child says last is what it was at: "heights X Z", "colours X Z" (steps), "fault X Z BITS" (of a height; with a traced
-// library also "LINE NAME"), or "done".
+// library also "LINE NAME"), "colour X Z BITS" (of one without a number), or "done", with " X Z BITS" of one that is too bright or dark.
 void say(const std::string& text) {
   const std::string line = text + "\n";
   if (write(STDOUT_FILENO, line.data(), line.size()) < 0) _exit(1);  // nobody listens
@@ -58,6 +60,7 @@ void tryAll(const Library& library, std::uint32_t seed) {
   std::array<float, kBatch> out;
   std::array<float, 3 * kBatch> normals{}, colours;
   for (std::size_t i = 0; i < kBatch; ++i) normals[3 * i + 1] = 1;
+  std::string beyond;
   std::uint64_t random = 1;
   const auto next = [&] { return random = lattice::mix(random + 0x9e3779b97f4a7c15u); };
   for (std::size_t round = 0; round < kBatches; ++round) {
@@ -79,9 +82,15 @@ void tryAll(const Library& library, std::uint32_t seed) {
       if (!library.colours()) continue;
       say(placed("colours", x[0], z[0]));
       library.colours()(x.data(), z.data(), out.data(), normals.data(), 0, colours.data(), kBatch, seed);
+      for (std::size_t k = 0; k < colours.size(); ++k) {
+        if (colours[k] >= -kTolerance && colours[k] <= 1 + kTolerance) continue;
+        const std::string bits = " " + std::to_string(std::bit_cast<std::uint32_t>(colours[k]));
+        if (!std::isfinite(colours[k])) return say(placed("colour", x[k / 3], z[k / 3]) + bits);
+        if (beyond.empty()) beyond = placed("", x[k / 3], z[k / 3]) + bits;
+      }
     }
   }
-  say("done");
+  say("done" + beyond);
 }
 
 // Bytes of address space in use by this process; 0: unknown.
@@ -129,8 +138,8 @@ std::optional<int> asProbe(int argc, char** argv) {
   return 0;
 }
 
-Outcome<void> probe(std::string_view file, const std::filesystem::path& library, std::uint32_t seed, const std::filesystem::path& program,
-                    const std::stop_token& stop, std::chrono::seconds time) {
+Outcome<std::string> probe(std::string_view file, const std::filesystem::path& library, std::uint32_t seed,
+                           const std::filesystem::path& program, const std::stop_token& stop, std::chrono::seconds time) {
   const auto error = [&](const std::string& what) { return Error{std::string(file) + ": " + what}; };
   const auto end = process::runChild(program, {std::string(kFlag), library.string(), std::to_string(seed)},
                                      {.time = time, .memory = ~std::uint64_t{0}}, stop);
@@ -153,6 +162,7 @@ Outcome<void> probe(std::string_view file, const std::filesystem::path& library,
   if (end->signal == SIGSEGV)
     return error(function + " crashes, most likely because its variables need more than the 1 MiB there is, near " + where);
   if (end->signal) return error(function + " crashes (" + strsignal(end->signal) + ") near " + where);
+  if (what == "colour") return error(std::string(kTheColour) + where + " " + std::string(faultOf(std::bit_cast<float>(bits))));
   if (what == "fault") {
     const float height = std::bit_cast<float>(bits);
     const std::string number = std::isfinite(height) ? ", " + text::rounded(static_cast<double>(height), 6) + " m," : "";
@@ -160,7 +170,11 @@ Outcome<void> probe(std::string_view file, const std::filesystem::path& library,
     return line ? Error{at(file, line) + "'" + name + "': " + fault + rewrite(name, height)} : error(fault);
   }
   if (what != "done") return error("the process that tried its heights ended early");
-  return {};
+  std::string advice;
+  if (bits != 0)
+    advice = std::string(file) + ": " + std::string(kTheColour) + where + " has " +
+             text::rounded(static_cast<double>(std::bit_cast<float>(bits)), 6) + ": red, green and blue are shares of the light, 0 to 1";
+  return {boost::system::in_place_value, std::move(advice)};
 }
 
 }  // namespace ridgecast::glsl

@@ -23,9 +23,12 @@ std::string placeText(lattice::Step x, lattice::Step z);
 
 // Starts `program`, whose main() calls asProbe first, to try `library`, which compile() made. Error: the first fault with its position
 // (and line, if the library is traced), a
-// crash, more than `time` of a processor, or a stop.
-Outcome<void> probe(std::string_view file, const std::filesystem::path& library, std::uint32_t seed, const std::filesystem::path& program,
-                    const std::stop_token& stop = {}, std::chrono::seconds time = std::chrono::seconds(20));
+// crash, more than `time` of a processor, or a stop. Else advice, in the form of complaints.h, or nothing.
+Outcome<std::string> probe(std::string_view file, const std::filesystem::path& library, std::uint32_t seed,
+                           const std::filesystem::path& program, const std::stop_token& stop = {},
+                           std::chrono::seconds time = std::chrono::seconds(20));
+
+inline constexpr std::string_view kTheColour = "the colour at ";  // begins what is said of one
 
 // In a process that probe() started: limits itself and tries the library. Its exit status; nothing: the arguments are not probe()'s.
 std::optional<int> asProbe(int argc, char** argv);

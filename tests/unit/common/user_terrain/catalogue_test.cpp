@@ -239,6 +239,27 @@ TEST_F(Files, wavesAreTrueAndBoundedFarOut) {
   }
 }
 
+TEST_F(Files, coloursAreTried) {
+  const auto coloured = [&](const std::string& body) {
+    const path file = write("colour" + std::to_string(++count_) + ".glsl",
+                            "float terrainHeight(ivec2 cell, vec2 fraction, float footprint, uint seed) { return 5.0; }\n\n"
+                            "vec3 terrainColor(ivec2 cell, vec2 fraction, float height, vec3 normal, float footprint, uint seed) {\n" +
+                                body + "}\n");
+    const auto t = load(request(file), [this](const std::string& m) { complaints_.push_back(m); });
+    return t ? "" : t.error().message;
+  };
+  EXPECT_THAT(coloured("return vec3(sqrt(fraction.x - 2.0));\n"),
+              testing::AllOf(HasSubstr(".glsl:3: the colour at x "), HasSubstr("is not a number")));
+  EXPECT_THAT(coloured("return vec3(1.0 / (fraction.x - fraction.x));\n"), HasSubstr("is infinite"));
+  EXPECT_THAT(complaints_, testing::IsEmpty());
+  EXPECT_EQ(coloured("return vec3(12.0, 0.5, 0.5);\n"), "");
+  ASSERT_EQ(complaints_.size(), 1u);
+  EXPECT_THAT(complaints_[0], testing::AllOf(HasSubstr(".glsl: the colour at x "), HasSubstr("has 12: red, green and blue are shares")));
+  complaints_.clear();
+  EXPECT_EQ(coloured("return vec3(0.0, 1.0, fraction.x);\n"), "");
+  EXPECT_THAT(complaints_, testing::IsEmpty());
+}
+
 TEST_F(Files, metresAreAdvisedAgainst) {
   EXPECT_TRUE(made("vec2 metres = ( vec2(cell) + fraction ) * 4096.0;\nreturn sin(metres.x);\n"));
   ASSERT_EQ(complaints_.size(), 1u);
