@@ -37,8 +37,8 @@ rc_status eachPart(const rc_terrain& terrain, std::size_t count, At placeAt, con
     for (std::size_t k = 0; k < n; ++k) {
       const Place place = placeAt(first + k);
       const double atX = place.x * lattice::kStepsPerMetre + 0.5, atZ = place.z * lattice::kStepsPerMetre + 0.5;
-      constexpr double kEnd = lattice::kMaxPosition + 1;
-      if (!(atX >= -kEnd + 1 && atX < kEnd && atZ >= -kEnd + 1 && atZ < kEnd)) return beyond(first + k);
+      constexpr double kFirst = -lattice::kMaxPosition, kEnd = lattice::kMaxPosition + 1;
+      if (!(atX >= kFirst && atX < kEnd && atZ >= kFirst && atZ < kEnd)) return beyond(first + k);
       x[k] = floorOf(atX);
       z[k] = floorOf(atZ);
     }

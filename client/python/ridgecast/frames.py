@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ._errors import Invalid
-from ._library import real
+from ._library import places, real
 
 _HALF = np.sqrt(0.5)
 _WORLD = np.array([_HALF, 0, 0, _HALF])  # x, y, z -> x, -z, y
@@ -18,13 +18,13 @@ _BODY = np.array([0.5, -0.5, -0.5, 0.5])  # right, up, back -> ahead, left, up
 
 def enu(points: ArrayLike) -> NDArray[np.float64]:
     """East, north, up of points or directions x, y, z: both (..., 3)."""
-    x, y, z = np.moveaxis(_of(points, 3, "points"), -1, 0)
+    x, y, z = np.moveaxis(places(points, 3, "points"), -1, 0)
     return np.stack([x, -z, y], axis=-1)
 
 
 def xyz(points: ArrayLike) -> NDArray[np.float64]:
     """x, y, z of points or directions east, north, up: both (..., 3)."""
-    east, north, up = np.moveaxis(_of(points, 3, "points"), -1, 0)
+    east, north, up = np.moveaxis(places(points, 3, "points"), -1, 0)
     return np.stack([east, up, -north], axis=-1)
 
 
@@ -42,16 +42,16 @@ def quaternion(yaw: ArrayLike = 0.0, pitch: ArrayLike = 0.0, roll: ArrayLike = 0
 
 def ros(turn: ArrayLike) -> NDArray[np.float64]:
     """A turn as ROS has it: of a body whose x is ahead, y left, z up, in east, north, up."""
-    return _product(_product(_WORLD, _of(turn, 4, "turns")), _conjugate(_BODY))
+    return _product(_product(_WORLD, places(turn, 4, "turns")), _conjugate(_BODY))
 
 
 def from_ros(turn: ArrayLike) -> NDArray[np.float64]:
-    return _product(_product(_conjugate(_WORLD), _of(turn, 4, "turns")), _BODY)
+    return _product(_product(_conjugate(_WORLD), places(turn, 4, "turns")), _BODY)
 
 
 def matrices(turn: ArrayLike) -> NDArray[np.float64]:
     """(..., 3, 3), which turn columns."""
-    given = _of(turn, 4, "turns")
+    given = places(turn, 4, "turns")
     length = np.linalg.norm(given, axis=-1, keepdims=True)
     if not np.all(np.isfinite(length) & (length > 0)):
         raise Invalid("a turn is a quaternion x, y, z, w whose length is not 0")
@@ -60,13 +60,6 @@ def matrices(turn: ArrayLike) -> NDArray[np.float64]:
             2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w),
             2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y))
     out: NDArray[np.float64] = np.stack(rows, axis=-1).reshape(x.shape + (3, 3))
-    return out
-
-
-def _of(values: ArrayLike, last: int, what: str) -> NDArray[np.float64]:
-    out = real(values, what)
-    if out.ndim == 0 or out.shape[-1] != last:
-        raise Invalid(f"{what} are an array of shape (..., {last}), not {out.shape}")
     return out
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ._errors import Invalid
-from ._library import real
+from ._library import places, real
 from .frames import matrices
 
 #: Lowest and highest beam, degrees, of turning lidars with so many, evenly apart: as VLP-16, HDL-32E, HDL-64E and OS1-128 have them.
@@ -64,9 +64,7 @@ def pinhole(width: int, height: int, vertical_fov: float) -> NDArray[np.float64]
 
 def turned(pattern: ArrayLike, turn: ArrayLike) -> NDArray[np.float64]:
     """A pattern (k..., 3) as sensors look that are turned so (..., 4): (..., k..., 3)."""
-    own = real(pattern, "directions")
-    if own.ndim == 0 or own.shape[-1] != 3:
-        raise Invalid(f"a pattern is an array of directions (..., 3), not {own.shape}")
+    own = places(pattern, 3, "directions")
     turns = matrices(turn)
     out: NDArray[np.float64] = (own.reshape(-1, 3) @ np.swapaxes(turns, -1, -2)).reshape(turns.shape[:-2] + own.shape)
     return out

@@ -342,8 +342,8 @@ def _plain(value: Any) -> Any:
 
 def join(url: str = "ws://127.0.0.1:7070", *, session: Optional[str] = None, terrain: Union[str, Terrain, None] = None,
          seed: Optional[int] = None, parameters: Optional[Mapping[str, float]] = None, clock: Optional[str] = None, name: str = "",
-         sensor: bool = False, follow: bool = False, lockstep: bool = False, triangles: int = 0, threshold: float = 0.0, token: Optional[str] = None,
-         ca: Optional[str] = None, reconnect: bool = True, timeout: float = 10.0, everybody: bool = False, mesh: bool = True) -> World:
+         sensor: bool = False, follow: bool = False, lockstep: bool = False, triangles: int = 0, threshold: float = 0.0,
+         token: Optional[str] = None, ca: Optional[str] = None, reconnect: bool = True, timeout: float = 10.0, everybody: bool = False, mesh: bool = True) -> World:
     """Joins a session; if it does not exist and a terrain is named, the server creates it. A session's height map or terrain file that lies
     here, too, may be given as a `Terrain`: then heights do not ask the server. Raises Refused if it is another.
 
