@@ -250,8 +250,9 @@ void SessionClock::share(std::shared_ptr<bus::Bus> bus, std::string key, std::fu
   told_ = bus_->hear(key_, [weak = weak_from_this()](const std::string& message) {
     const auto self = weak.lock();
     if (!self) return;
-    self->announceStep(message);
-    self->use([&](SharedClock& shared, const SharedClock::Now& now) { shared.heardTold(message, now); });
+    auto told = toldOf(message);
+    self->announceStep(told);
+    self->use([&](SharedClock& shared, const SharedClock::Now& now) { shared.heardTold(std::move(told), now); });
   });
   calls_ = bus_->hear(key_ + kCalls, [weak = weak_from_this()](const std::string& message) {
     if (const auto self = weak.lock())

@@ -66,10 +66,7 @@ bool SharedClock::turnsStep(const Record& next) const {
          (will.step != is.step || (will.waitsFor.empty() && !is.waitsFor.empty()));
 }
 
-bool SharedClock::turnsStep(const std::string& bytes) const {
-  const auto told = toldOf(bytes);
-  return told && told->epoch >= epoch_ && turnsStep(told->record);
-}
+bool SharedClock::turnsStep(const Outcome<Told>& told) const { return told && told->epoch >= epoch_ && turnsStep(told->record); }
 
 bool SharedClock::turnsStep(const Outcome<bus::Bus::Held>& answer) const {
   if (!answer) return false;
@@ -190,9 +187,9 @@ void SharedClock::lead(const Now& now) {
   isNew_ = true;
   next_ = shown_;
   notices_.clear();
-  heard_.clear();
+  const auto heard = std::exchange(heard_, {});
   for (const auto& [server, one] : next_.servers)
-    if (server != self_ && one.isHere) heard_[server] = now.here;
+    if (server != self_ && one.isHere) heard_[server] = heard.contains(server) ? now.here : leaderHeard_;
   stepBegan_ = now.here;
   watchedStep_ = next_.clock.step();
   applyTo(self_, {pending_.begin(), pending_.end()}, now);
@@ -236,15 +233,17 @@ void SharedClock::answered(Outcome<bus::Bus::Held> answer, const Now& now) {
   }
   written_ = now.here;
   show(std::move(writing_), now);
-  if (role_ == Role::kSeeking) return lead(now);
+  if (role_ == Role::kSeeking) {
+    leaderHeard_ = now.here;  // there was none
+    return lead(now);
+  }
   for (const Notice& notice : writingNotices_) news_.notices.push_back(notice);
   if (std::exchange(isNew_, false) || !heard_.empty()) tell(std::move(writingNotices_), now);
   writingNotices_.clear();
   write(now);
 }
 
-void SharedClock::heardTold(const std::string& bytes, const Now& now) {
-  auto told = toldOf(bytes);
+void SharedClock::heardTold(Outcome<Told> told, const Now& now) {
   if (!told) {
     news_.problem = told.error().message;
     return;
@@ -264,17 +263,18 @@ void SharedClock::heardTold(const std::string& bytes, const Now& now) {
 // ---- leading ----
 
 void SharedClock::heardCalls(const std::string& bytes, const Now& now) {
-  if (role_ != Role::kLeading) return;
   const auto told = toldCallsOf(bytes);
   if (!told) {
     news_.problem = told.error().message;
     return;
   }
+  const bool isNew = heard_.insert_or_assign(told->server, now.here).second;
+  if (role_ != Role::kLeading) return;
   if (told->isLast) {
     remove(told->server, now);
     return write(now);
   }
-  if (heard_.insert_or_assign(told->server, now.here).second) tell({}, now);
+  if (isNew) tell({}, now);
   applyTo(told->server, told->calls, now);
   write(now);
 }
@@ -376,6 +376,7 @@ void SharedClock::tick(const Now& now) {
 }
 
 void SharedClock::tickMirroring(const Now& now) {
+  std::erase_if(heard_, [&](const auto& other) { return now.here - other.second >= kSilence; });
   if (isLeaderBehind_ || now.here - leaderHeard_ >= kSilence) {
     if (asked_ != Asked::kNothing) return;
     asked_ = Asked::kTake;

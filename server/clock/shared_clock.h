@@ -17,8 +17,8 @@
 //      +--------------------------------------------------------------------------+  there is one
 //
 // Calls are numbered, repeated until the record says that they were applied, and applied once, in order. A leader drops the members of a
-// server that it has not heard for kSilence; back again, that server tells all its members. Settings and steps that it had on the way then
-// have no effect: they are not repeated, and their members get a sentence.
+// server that was not heard for kSilence: of the leader before it at once, if it has waited for that one. Back again, the server tells all
+// its members. Settings and steps that it had on the way then have no effect: they are not repeated, and their members get a sentence.
 //
 // Time does not go back for a server's members, whatever the engine's time does: a clock that ran ahead stands until the others have come,
 // and if they would not come soon, they are moved. Until it knows the record it stands at 0.
@@ -88,11 +88,11 @@ class SharedClock {
   // Of these members, those that the step waits for, but for those whose kDone is not applied yet.
   std::set<std::uint64_t> undone(const std::function<bool(std::uint64_t member)>& isHere) const;
   // Whether heardTold() or answered() would show that a step is done, or has begun.
-  bool turnsStep(const std::string& told) const;
+  bool turnsStep(const Outcome<Told>& told) const;
   bool turnsStep(const Outcome<bus::Bus::Held>& answer) const;
 
   void call(const Call& call, const Now& now);
-  void heardTold(const std::string& bytes, const Now& now);
+  void heardTold(Outcome<Told> told, const Now& now);
   void heardCalls(const std::string& bytes, const Now& now);
   // To the wish kHold or kTake; one is open at a time.
   void answered(Outcome<bus::Bus::Held> answer, const Now& now);
@@ -157,6 +157,9 @@ class SharedClock {
   Timer::Time repeatAt_{};
   std::chrono::milliseconds pause_{kTick};
 
+  // Others that have this clock, by their calls (the leader sends none), and when they were heard last.
+  std::map<std::uint32_t, Timer::Time> heard_;
+
   // Mirroring: when the leader was heard, and told, last.
   Timer::Time leaderHeard_, toldLeader_{};
   bool isLeaderBehind_ = false;  // it does not know what is shown here, which the engine has lost
@@ -166,8 +169,7 @@ class SharedClock {
   Record writing_;
   std::vector<Notice> notices_, writingNotices_;  // told with those
   Write write_ = Write::kNot;
-  bool isNew_ = false;                          // nothing was written yet, and a leader of before may not know that it leads no longer
-  std::map<std::uint32_t, Timer::Time> heard_;  // others that have this clock
+  bool isNew_ = false;  // nothing was written yet, and a leader of before may not know that it leads no longer
   Timer::Time told_{}, written_{}, stepBegan_{};
   std::uint64_t watchedStep_ = 0;
 };
