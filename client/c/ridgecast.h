@@ -145,7 +145,7 @@ rc_status rc_standing_changes(rc_standing* standing, rc_tile* out, size_t room, 
 /* Triangles, counter-clockwise from above. Positions are metres: x and z from `origin`, y absolute; exact within 65 km of the origin. */
 typedef struct rc_mesh {
   double origin[2]; /* x, z */
-  double error;     /* metres: how far the true ground is above or below at most; infinite: not known */
+  double error;     /* metres: how far the true ground is above or below at most; infinite: not known (rc_join_options.errors) */
   size_t vertex_count, triangle_count;
   const float* positions;    /* x, y, z of each vertex */
   const uint32_t* triangles; /* three vertices each */
@@ -173,6 +173,9 @@ typedef struct rc_join_options {
   /* The session's own, opened here, so that heights do not ask the server. It may be closed after joining. RC_REFUSED: it is another.
      Default: none; built-in ones are found anyway. */
   const rc_terrain* terrain;
+  /* 1: rc_mesh.error is known of the mesh held. Each square that changes is then measured, which takes the server several times what
+     making the mesh takes. */
+  int32_t errors;
 } rc_join_options;
 
 /* `url`: ws://HOST:PORT?session=NAME&terrain=NAME&seed=N&param=NAME=NUMBER. A session that does not exist is created if the URL names a

@@ -48,7 +48,8 @@ world::Options optionsOf(const rc_join_options& given, Milliseconds timeout) {
                          .reconnects = given.stays_lost == 0,
                          .everybody = given.everybody != 0,
                          .terrain = given.terrain ? given.terrain->ground.here() : nullptr,
-                         .placesOnly = given.places_only != 0};
+                         .placesOnly = given.places_only != 0,
+                         .errors = given.errors != 0};
   if (timeout.count() > 0) options.timeout = timeout;
   return options;
 }

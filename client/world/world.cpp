@@ -58,7 +58,7 @@ Result<std::unique_ptr<World>> World::join(std::string_view url, const Options& 
                           .role = options.camera ? wire::Role::kViewer : wire::Role::kSensor,
                           .members = true,
                           .clock = true,
-                          .errors = true,
+                          .errors = options.errors,
                           .edits = true,
                           .near = options.everybody ? 0u : kNear,
                           .states = true,

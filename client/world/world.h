@@ -69,6 +69,7 @@ struct Options {
   bool everybody = false;                                // hears of each member, not only of those near it (Hello.near)
   std::shared_ptr<const terrain::Terrain> terrain = {};  // the session's, held here, so that the server need not be asked; null: any
   bool placesOnly = false;  // no mesh of what its camera sees: its poses only say where it is; fly() and receive() get no iterations
+  bool errors = false;      // Mesh::error of the mesh held is known; takes the server several times what making the mesh takes
 };
 
 class World {

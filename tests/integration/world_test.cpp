@@ -233,7 +233,9 @@ TEST_F(WorldTest, GroundKeepsItsError) {
 }
 
 TEST_F(WorldTest, TheWholeMeshIsItsLeaves) {
-  const World world = enter("");
+  rc_join_options options{};
+  options.errors = 1;
+  const World world = enter("", options);
   rc_camera camera{};
   camera.size = sizeof camera;
   camera.y = 1500;

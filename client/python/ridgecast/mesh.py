@@ -18,7 +18,7 @@ class Mesh:
     positions: float32 (n, 3), metres: x and z from `origin`, y absolute; exact within 65 km of the origin
     triangles: uint32 (m, 3), indices of rows of `positions`
     origin: x, z of the origin, metres
-    error: metres, how far the true ground is above or below at most; inf: not known
+    error: metres, how far the true ground is above or below at most; inf: not known (of a world's mesh: join(errors=True))
     """
 
     positions: NDArray[np.float32]

@@ -343,7 +343,8 @@ def _plain(value: Any) -> Any:
 def join(url: str = "ws://127.0.0.1:7070", *, session: Optional[str] = None, terrain: Union[str, Terrain, None] = None,
          seed: Optional[int] = None, parameters: Optional[Mapping[str, float]] = None, clock: Optional[str] = None, name: str = "",
          sensor: bool = False, follow: bool = False, lockstep: bool = False, triangles: int = 0, threshold: float = 0.0,
-         token: Optional[str] = None, ca: Optional[str] = None, reconnect: bool = True, timeout: float = 10.0, everybody: bool = False, mesh: bool = True) -> World:
+         token: Optional[str] = None, ca: Optional[str] = None, reconnect: bool = True, timeout: float = 10.0, everybody: bool = False, mesh: bool = True,
+         errors: bool = False) -> World:
     """Joins a session; if it does not exist and a terrain is named, the server creates it. A session's height map or terrain file that lies
     here, too, may be given as a `Terrain`: then heights do not ask the server. Raises Refused if it is another.
 
@@ -352,6 +353,7 @@ def join(url: str = "ws://127.0.0.1:7070", *, session: Optional[str] = None, ter
     same poses. triangles: of the mesh at most; threshold: of the mesh, in pixels; 0: the defaults. reconnect: a lost connection is restored
     by itself, and calls wait for it within their timeout. everybody: `members` names each member, however far: at once if the session has
     at most 64 or its clock is stepped, otherwise far ones seldom. mesh=False: poses only place this member; no iterations come.
+    errors: the `error` of the mesh held is known; measuring it takes the server several times what making the mesh takes.
     """
     query: List[str] = []
     if session is not None:
@@ -367,7 +369,7 @@ def join(url: str = "ws://127.0.0.1:7070", *, session: Optional[str] = None, ter
     words = text(name), text(token), text(ca)
     options = struct("rc_join_options", name=words[0], token=words[1], ca=words[2], sensor=sensor, follows=follow, lockstep=lockstep,
                      stays_lost=not reconnect, triangles=triangles, threshold=threshold, timeout=timeout, everybody=everybody, places_only=not mesh,
-                     terrain=terrain._terrain if isinstance(terrain, Terrain) else ffi.NULL)
+                     errors=errors, terrain=terrain._terrain if isinstance(terrain, Terrain) else ffi.NULL)
     out = ffi.new("rc_world**")
     interruptible(lambda: lib.rc_join(spelt, options, out), lambda: lib.rc_world_close(out[0]))
     return World(owned(out[0], lib.rc_world_close))

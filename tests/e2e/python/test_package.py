@@ -397,6 +397,14 @@ class WorldTest(unittest.TestCase):
             changed = [l for l in world.leaves if versions.get((l.level, l.i, l.j)) != l.version]
             self.assertTrue(changed)
             self.assertEqual(len(world.leaf(changed[0]).triangles), changed[0].triangles)
+            self.assertEqual(world.mesh().error, np.inf)
+        with rc.join(self.server.url, threshold=2, errors=True) as world:
+            world.camera(0, 1500, 0)
+            near = world.leaf(next(l for l in world.leaves if l.side * l.i <= 10 < l.side * (l.i + 1) and l.side * l.j <= 10 < l.side * (l.j + 1)))
+            self.assertLess(near.error, 100)
+            corners = near.positions[:, [0, 2]].astype(float) + near.origin
+            off = np.abs(world.heights(corners) - near.positions[:, 1])
+            self.assertTrue((off <= near.error + 1e-3).all())
 
     def test_lock_step_flights_repeat(self) -> None:
         def fly() -> list:
