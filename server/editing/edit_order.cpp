@@ -84,7 +84,7 @@ void EditOrder::applied(const Applied& last) {
   const std::lock_guard lock(mutex_);
   own_ = last.number;
   identity_ = edit_log::identityOf(last);
-  isCurrent_ = isCurrent_ || last_ == own_;
+  isCurrent_ = isCurrent_ || (aim_ && own_ >= *aim_);
 }
 
 void EditOrder::wakeAt(Timer::Time when) const {
@@ -373,6 +373,7 @@ EditOrder::Next EditOrder::readNext(Outcome<std::vector<bus::Entry>> entries, st
     return next;
   }
   next.kind = Next::Kind::kEntries;
+  if (!aim_) aim_ = told;
   last_ = std::max(last_.value_or(0), next.entries.back().number);
   return next;
 }

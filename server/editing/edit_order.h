@@ -68,7 +68,7 @@ class EditOrder : public std::enable_shared_from_this<EditOrder> {
   bool isAway() const { return shared_.bus->isAway(); }
   bool isBehind() const;    // next() is due
   bool isHeldBack() const;  // another server has the turn, or it is not known yet how far the log goes
-  bool isCurrent() const;   // it has been where the log ends, or the engine cannot be reached
+  bool isCurrent() const;   // it has been where the log ended when following it began, or the engine cannot be reached
   std::uint64_t own() const;
   // Edits that the log had when it was last heard of, and this server has not; 0 without other servers.
   std::uint64_t behind() const;
@@ -151,6 +151,7 @@ class EditOrder : public std::enable_shared_from_this<EditOrder> {
   std::uint64_t own_ = 0;
   std::optional<std::uint64_t> identity_;  // of that one
   std::optional<std::uint64_t> last_;      // of the log, as far as known
+  std::optional<std::uint64_t> aim_;       // that, when own_ was first compared with it and was behind
   std::uint64_t told_ = 0;                 // by the bus, last
   bool mustLook_ = true;                   // the log may have lost its end, and gained another, since own_ was compared
   bool isCurrent_ = false, hasEnded_ = false;

@@ -467,8 +467,11 @@ TEST(Operations, WhoeverStopsAServerWaitsForIt) {
   EXPECT_GE(numberIn(pods, "terminationGracePeriodSeconds:"), needs({}, drains));
   for (const char* file : {"/compose.yaml", "/compose.scale.yaml"}) {
     const std::string compose = readText(std::string(RIDGECAST_DOCKER) + file);
-    EXPECT_EQ(compose.find("RIDGECAST_DRAIN"), compose.npos) << "of which this test knows nothing";
-    EXPECT_GE(numberIn(compose, "stop_grace_period:"), needs({}, {})) << file;
+    Environment said;
+    if (const int delay = numberIn(compose, "RIDGECAST_DRAIN_DELAY:"); delay >= 0)
+      said.emplace_back("RIDGECAST_DRAIN_DELAY", std::to_string(delay));
+    EXPECT_EQ(compose.find("RIDGECAST_DRAIN:"), compose.npos) << "of which this test knows nothing";
+    EXPECT_GE(numberIn(compose, "stop_grace_period:"), needs({}, said)) << file;
   }
 }
 

@@ -127,7 +127,7 @@ class Place:
                      "--shared", f"redis://{':'.join(self._user)}@127.0.0.1:{self.redis_port}", "--reconnect-url", "",
                      "--trusted-proxy", "127.0.0.0/8",
                      "--max-cameras", "1000", "--max-connections-per-address", "4000", "--session-idle", "600", "--drain", "5",
-                     "--log-level", "info"])
+                     "--drain-delay", "3", "--log-level", "info"])
             for k, port in enumerate(self.server_ports)]
         configuration = self.folder / "haproxy.cfg"  # the one that is shipped, with a line for each further server
         configuration.write_text((DOCKER / "haproxy.cfg").read_text() +
@@ -255,7 +255,7 @@ class Members:
         while not over.is_set():
             for k in range(len(self.worlds)):
                 self._place(k)
-                if k % 10 == turn % 10:
+                if k % self.RING == turn % 2:  # who is gone ages until the next look, so few look, and often
                     self._look(k)
             turn += 1
             due = max(due + 1 / self.RATE, elapsed())
