@@ -5,6 +5,7 @@
 #include "common/text/text.h"
 #include "common/version/version.h"
 #include "common/wire/wire.h"
+#include "server/http/lists.h"
 #include "server/http/worlds.h"
 
 namespace ridgecast::http {

@@ -2,16 +2,14 @@
 
 #include <algorithm>
 #include <chrono>
-#include <cmath>
-#include <map>
 #include <mutex>
-#include <nlohmann/json.hpp>
 #include <optional>
+#include <set>
 #include <utility>
 
 #include "common/text/text.h"
-#include "common/user_terrain/catalogue.h"
 #include "common/wire/wire.h"
+#include "server/http/lists.h"
 
 namespace ridgecast::http {
 
@@ -26,9 +24,6 @@ Answer upgradeRequired() {
   return plain(426, "This is a WebSocket endpoint (version 13): connect with ws://, for example with ridgecast-client.",
                {{"Upgrade", "websocket"}, {"Connection", "Upgrade"}, {"Sec-WebSocket-Version", "13"}});
 }
-
-constexpr const char* kModes[] = {"real-time", "scaled", "stepped"};  // by wire::ClockMode
-const char* nameOf(wire::ClockMode mode) { return kModes[static_cast<int>(mode)]; }
 
 // The URL's world. It may omit the terrain only for an existing session.
 struct Wish {
@@ -352,6 +347,67 @@ Reply fromElsewhere(const std::string& name, const Request& request, directory::
   return std::make_shared<Making>(name, Wish{}, std::string(request.client), noSession(name, directory), directory, enter, true)->work();
 }
 
+namespace {
+
+class TakingUp {
+ public:
+  explicit TakingUp(directory::Directory& directory) : directory_(directory), nothingHeard_(directory.others()) {}
+
+  Reply turn(const Turn& turn) {
+    while (Clock::now() < until_) {
+      if (!work_) {
+        if (!names_ && !listNames()) return RetryAt{Clock::now() + kPause};
+        if (names_->empty()) break;
+        begin(names_->extract(names_->begin()).value());
+      }
+      Reply reply = work_(turn);
+      if (const auto* retry = std::get_if<RetryAt>(&reply)) return RetryAt{std::min(retry->time, until_)};
+      auto* next = std::get_if<DeferredResponse>(&reply);
+      work_ = next ? std::move(next->work) : nullptr;
+    }
+    return Answer{};
+  }
+
+ private:
+  using Clock = std::chrono::steady_clock;
+  static constexpr std::chrono::seconds kTakingUp{10};
+  static constexpr std::chrono::milliseconds kPause{10};
+
+  bool listNames() {
+    const auto others = directory_.others();
+    if (others == nothingHeard_) return false;
+    names_.emplace();
+    for (const auto& server : *others)
+      for (const auto& [name, session] : server.sessions)
+        if (!directory_.find(name) && directory_.keeps(name)) names_->insert(name);
+    return true;
+  }
+
+  void begin(const std::string& name) {
+    const Enter enter = [](const std::shared_ptr<session::Session>& session) -> Reply {
+      session->use();
+      return DeferredResponse{.work = [session](const Turn&) -> Reply {
+        if (session->isCurrent()) return Answer{};
+        return RetryAt{Clock::now() + kPause};
+      }};
+    };
+    const auto making = std::make_shared<Making>(name, Wish{}, std::string(), noSession(name, directory_), directory_, enter, true);
+    work_ = [making](const Turn& turn) { return making->turn(turn); };
+  }
+
+  directory::Directory& directory_;
+  const std::shared_ptr<const std::vector<directory::ServerStatus>> nothingHeard_;
+  const Clock::time_point until_ = Clock::now() + kTakingUp;
+  std::optional<std::set<std::string>> names_;
+  std::function<Reply(const Turn&)> work_;
+};
+
+}  // namespace
+
+std::function<Reply(const Turn&)> takingUp(directory::Directory& directory) {
+  return [state = std::make_shared<TakingUp>(directory)](const Turn& turn) { return state->turn(turn); };
+}
+
 Outcome<earth::Coordinates> coordinatesOf(const session::Session& session, std::string_view crs) {
   const auto terrain = session.ground().terrain;
   return earth::Coordinates::of(session.resources().limits.sendsTerrain ? terrain->raster() : nullptr, crs);
@@ -384,116 +440,6 @@ Reply streamAnswer(const Request& request, directory::Directory& directory) {
     return upgradeRequired();
   };
   return inSession(request, directory, enter, upgrading);
-}
-
-namespace {
-
-using Json = nlohmann::ordered_json;
-
-Json heightMap(const terrain::Raster& map) {
-  const terrain::RasterShape& shape = map.shape();
-  const terrain::RasterOrigin origin = map.origin();
-  const auto metres = [](double steps) { return steps * lattice::kMetresPerStep; };
-  Json out{{"columns", shape.width},
-           {"rows", shape.height},
-           {"pitch", shape.x.metres()},
-           {"pitch_z", shape.z.metres()},
-           {"x", metres(static_cast<double>(shape.x.origin))},
-           {"z", metres(static_cast<double>(shape.z.origin))},
-           {"lowest", metres(shape.lowest)},
-           {"highest", metres(shape.highest)},
-           {"edge", origin.edge}};
-  if (!origin.crs.empty()) out["crs"] = origin.crs;
-  if (origin.easting) out["centre"] = {{"easting", *origin.easting}, {"northing", *origin.northing}};
-  return out;
-}
-
-std::string dumped(const Json& json) { return json.dump(-1, ' ', false, Json::error_handler_t::replace); }
-
-Json serverEntry(const directory::ServerStatus& server) {
-  return {{"number", server.number},
-          {"url", server.url},
-          {"cameras", server.cameras},
-          {"triangles", server.triangles},
-          {"load", std::round(server.load * 100) / 100}};
-}
-
-}  // namespace
-
-std::string sessionEntry(const session::Session& session) {
-  const presence::Presence::State state = session.presence().state();
-  const wire::Clock& clock = state.clock;
-  const session::Limits& limits = session.resources().limits;
-  const std::uint32_t server = session.resources().bus->server();  // the others tell of theirs
-  const auto isOwnSensor = [server](const wire::Member& member) {
-    return member.role == wire::Role::kSensor && (server == 0 || member.camera >> 32 == server);
-  };
-  Json parameters = Json::object();
-  for (const auto& [name, value] : session.spec().parameters) parameters[name] = value;
-  Json entry{{"name", session.name()},
-             {"terrain", session.spec().terrain},
-             {"seed", session.spec().seed},
-             {"parameters", parameters},
-             {"content_hash", text::hexadecimal(session.contentHash())},
-             {"step_bits", lattice::kStepBits},
-             {"members", session.members()},
-             {"sensors", std::ranges::count_if(state.members, isOwnSensor)},
-             {"max_members", limits.maxMembers},
-             {"clock",
-              {{"mode", nameOf(clock.mode)},
-               {"rate", clock.rate},
-               {"seconds", static_cast<double>(clock.time) / 1e6},
-               {"step", clock.step},
-               {"waits_for", clock.waitsFor.size()},
-               {"owner", clock.owner ? Json{{"camera", clock.owner}, {"name", state.ownerName}} : Json()}}}};
-  if (const terrain::Raster* map = session.terrain()->raster(); map && limits.sendsTerrain) entry["height_map"] = heightMap(*map);
-  return dumped(entry);
-}
-
-Answer sessionsAnswer(const directory::Directory& directory) {
-  std::map<std::string, Json> sessions;
-  Json servers = Json::array();
-  const auto others = directory.others();
-  const auto add = [&](const std::string& name, std::string_view entry, std::uint32_t server) {
-    Json its = Json::parse(entry, nullptr, false);
-    const auto [known, isNew] = sessions.try_emplace(name, its);
-    if (!isNew)
-      for (const char* count : {"members", "sensors"}) known->second[count] = known->second[count].get<int>() + its.value(count, 0);
-    if (directory.isShared()) known->second["servers"].push_back(server);
-  };
-  for (const auto& session : directory.all()) add(session->name(), sessionEntry(*session), directory.resources().bus->server());
-  for (const auto& server : *others)
-    for (const auto& [name, session] : server.sessions) add(name, session.entry, server.number);
-  Json all{{"sessions", Json::array()}, {"max_sessions", directory.resources().limits.maxSessions}};
-  for (auto& [name, entry] : sessions) all["sessions"].push_back(std::move(entry));
-  if (directory.isShared()) {
-    for (const auto& server : *others) servers.push_back(serverEntry(server));
-    servers.push_back(serverEntry(directory.self()));
-    all["servers"] = std::move(servers);
-  }
-  return json(dumped(all) + "\n");
-}
-
-Route terrainsRoute(std::optional<std::filesystem::path> folder) {
-  const auto answer = [folder = std::move(folder)](const Turn&) {
-    Json terrains = Json::array();
-    const auto entries = folder ? user_terrain::list(*folder) : std::vector<user_terrain::Entry>();
-    if (!entries) return refused(503, metrics::Refusal::kRequest, text::withoutFolders(entries.error().message));
-    for (const user_terrain::Entry& entry : *entries) {
-      if (!entry.problem.empty()) continue;
-      Json parameters = Json::array();
-      for (const glsl::Parameter& p : entry.parameters)
-        parameters.push_back(
-            {{"name", p.name}, {"default", p.value}, {"least", p.least}, {"most", p.most}, {"unit", p.unit}, {"summary", p.summary}});
-      terrains.push_back({{"name", entry.name}, {"summary", entry.summary}, {"parameters", parameters}});
-    }
-    return json(Json{{"terrains", terrains}}.dump(-1, ' ', false, Json::error_handler_t::replace) + "\n");
-  };
-  return [answer](const Request& request) -> std::optional<Reply> {
-    if (request.path() != "/v1/terrains") return {};
-    if (!request.reads()) return wrongMethod();
-    return DeferredResponse{.work = answer};
-  };
 }
 
 }  // namespace ridgecast::http

@@ -1,8 +1,6 @@
 #pragma once
-// Sessions over HTTP: /v1/stream and queries join or create one, /v1/sessions lists them, /v1/terrains lists the terrains for creating
-// them.
+// Sessions over HTTP: /v1/stream and queries join or create one.
 
-#include <filesystem>
 #include <functional>
 #include <memory>
 #include <optional>
@@ -27,6 +25,11 @@ std::optional<std::string> missingHere(const Request& request, const directory::
 // Makes that session here, if other servers have it, then `enter`; otherwise noSession().
 Reply fromElsewhere(const std::string& name, const Request& request, directory::Directory& directory, const Enter& enter);
 
+// With a bus: makes here, one after another, the sessions that live on other servers and whose edits this one has kept, so that no client
+// waits until it has read what was made since. RetryAt until that is done, or 10 seconds have passed; made before the directory joins the
+// others. `directory` must outlive it.
+std::function<Reply(const Turn&)> takingUp(directory::Directory& directory);
+
 // Places on a session's map in people's coordinates; a private one does not say where it lies. PROJ is slow: call from work. Error:
 // Coordinates::of.
 Outcome<earth::Coordinates> coordinatesOf(const session::Session& session, std::string_view crs);
@@ -34,16 +37,5 @@ Outcome<earth::Coordinates> coordinatesOf(const session::Session& session, std::
 // The answer to the upgrade request: 101 with the session, or a refusal, as inSession(). A request without an upgrade, which tells a page
 // why its WebSocket could not be opened, gets the same refusal, or 426 in place of 101, and no session is made.
 Reply streamAnswer(const Request& request, directory::Directory& directory);
-
-// A session of this server as it stands in that list: a JSON object.
-std::string sessionEntry(const session::Session& session);
-// {"sessions": [...], "max_sessions": N}, with those of other servers as of a second ago; then also {"servers": [...]}, and which of them
-// have a session.
-Answer sessionsAnswer(const directory::Directory& directory);
-
-// GET /v1/terrains: {"terrains": [{"name", "summary", "parameters": [{"name", "default", "least", "most", "unit", "summary"}]}]}.
-// The built-in terrains and the readable files of `folder`, read on each request by work. No folder: sessions cannot be created here, the
-// list is empty.
-Route terrainsRoute(std::optional<std::filesystem::path> folder);
 
 }  // namespace ridgecast::http

@@ -29,6 +29,7 @@ std::optional<Reply> operations(const std::shared_ptr<ServerContext>& server, co
   if (path == "/readyz") {
     const http::Headers load{{"Ridgecast-Load", text::rounded(server ? saturation(*server) : 1, 2)}};
     if (!server || !server->ready) return http::plain(503, "This server is leaving.", load);
+    if (server->takesUp) return http::plain(503, "This server reads what the others have made.", load);
     // Still 200: meshes and queries go on, and no other server would be better off.
     return http::plain(200, server->directory->resources().bus->isAway() ? "ready; the engine of --shared is away" : "ready", load);
   }
@@ -140,7 +141,7 @@ void addOperations(const std::shared_ptr<ServerContext>& shared) {
           return static_cast<double>(most);
         });
   if (const auto& state = shared->directory->resources().state; !state.empty()) shared->figures->watchDisk("state", state);
-  gauge("ridgecast_ready", "1 if new streams are accepted.", [](ServerContext& s) -> double { return s.ready ? 1 : 0; });
+  gauge("ridgecast_ready", "1 if new streams are accepted.", [](ServerContext& s) -> double { return s.ready && !s.takesUp ? 1 : 0; });
   registry.compute(
       "ridgecast_build_info", "Always 1; its labels say what runs.", [] { return 1.0; },
       {{"version", RIDGECAST_VERSION}, {"protocol", std::to_string(wire::kProtocolVersion)}, {"commit", std::string(version::commit())}});

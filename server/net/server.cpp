@@ -6,6 +6,7 @@
 #include <thread>
 #include <utility>
 
+#include "server/http/lists.h"
 #include "server/http/worlds.h"
 #include "server/logging/logging.h"
 #include "server/net/fetch.h"
@@ -89,7 +90,7 @@ class ListeningServer final : public Server {
       adminListener_.start([this](tcp::socket&& socket) { takeAdmin(std::move(socket)); });
     }
     addOperations(shared_);
-    joinOthers();
+    takeUp();
     withdrawals_->begin();
     listener_.start([this](tcp::socket&& socket) { take(std::move(socket)); });
     for (unsigned k = 0; k < std::max(1u, settings.threads); ++k) threads_.emplace_back([this] { serve(); });
@@ -132,6 +133,23 @@ class ListeningServer final : public Server {
   }
 
  private:
+  void takeUp() {
+    directory::Directory& directory = *shared_->directory;
+    shared_->takesUp = directory.isShared() && !directory.resources().state.empty();
+    const auto work = http::takingUp(directory);  // before they are heard
+    joinOthers();
+    if (!shared_->takesUp) return;
+    const std::stop_source job;
+    Jobs& jobs = shared_->work(Queue::kWorlds).jobs;
+    jobs.post(job,
+              [context = shared_.get(), work, wake = [&jobs, job] { jobs.wake(job); }](std::stop_token stop) -> std::optional<RetryAt> {
+                const Reply reply = work({std::move(stop), wake});
+                if (const auto* retry = std::get_if<RetryAt>(&reply)) return *retry;
+                context->takesUp = false;
+                return {};
+              });
+  }
+
   void joinOthers() {
     const auto streamsOf = [](const ServerContext& context, const session::Session& session, const std::function<void(OpenStream&)>& end) {
       for (const auto& stream : context.streams.all())

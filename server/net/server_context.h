@@ -144,7 +144,8 @@ struct ServerContext {
   const std::shared_ptr<metrics::Metrics> figures;
   RequestFilter filter;
   const std::shared_ptr<Connections> connections;
-  std::atomic<bool> ready{true};         // as /readyz says
+  std::atomic<bool> ready{true};         // false: /readyz says that it leaves
+  std::atomic<bool> takesUp{false};      // true: /readyz says that it reads what other servers have made
   std::atomic<bool> takesStreams{true};  // false: new ones are refused
   std::atomic<bool> reloaded{true};      // the last reload succeeded
   OpenStreams streams;

@@ -6,6 +6,7 @@
 #include <csignal>
 #include <map>
 #include <memory>
+#include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
 
@@ -114,6 +115,29 @@ TEST_F(SharedEdits, HaveOneOrderWhateverIsKilled) {
   for (std::size_t k = 0; k < 2; ++k) start(k);
   some();
   expectOneOrder();
+}
+
+// Otherwise who comes first waits until it has read them.
+TEST_F(SharedEdits, AreReadBeforeAServerThatComesBackIsReady) {
+  const std::string path = "/v1/sessions/w/edits";
+  const auto makeOn = [&](std::size_t k) {
+    EXPECT_THAT(say(k, "POST " + path, "{\"op\": \"crater\", \"x\": 0, \"z\": 0, \"radius\": 5, \"depth\": 1}"), HasSubstr(" 201 "));
+  };
+  for (std::size_t k = 0; k < 2; ++k) EXPECT_THAT(say(k, "GET /v1/heights?session=w&terrain=canyon&at=0,0"), HasSubstr(" 200 "));
+  makeOn(1);
+  const auto serversOfW = [&] {
+    const auto listed = nlohmann::json::parse(bodyOf(say(1, "GET /v1/sessions")));
+    for (const auto& session : listed["sessions"])
+      if (session["name"] == "w") return session["servers"].get<std::vector<int>>();
+    return std::vector<int>();
+  };
+  ASSERT_TRUE(await([&] { return serversOfW().size() == 2; }));  // each second they tell
+  servers[1].reset();
+  for (int k = 0; k < 20; ++k) makeOn(0);
+  start(1);
+  ASSERT_TRUE(await([&] { return bodyOf(say(1, "GET /readyz")) == "\r\n\r\nready\n"; }));
+  EXPECT_THAT(serversOfW(), testing::Contains(3)) << "though nobody has asked it";
+  EXPECT_THAT(say(1, "GET " + path + "?since=20&limit=1"), HasSubstr("\"last\": 21"));
 }
 
 TEST_F(SharedEdits, NeedAFolderForEachServer) {

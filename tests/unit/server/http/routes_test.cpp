@@ -1,5 +1,5 @@
 #include "server/http/routes.h"
-#include "server/http/worlds.h"
+#include "server/http/lists.h"
 #include "tests/support/replies.h"
 #include "tests/support/waiting.h"
 

@@ -12,8 +12,8 @@
 #include <vector>
 
 #include "server/directory/directory.h"
+#include "server/http/lists.h"
 #include "server/http/routes.h"
-#include "server/http/worlds.h"
 #include "tests/support/replies.h"
 #include "tests/support/simulated_bus.h"
 #include "tests/support/simulated_timer.h"
