@@ -121,22 +121,20 @@ void EditOrder::changed(std::uint64_t last) {
 void EditOrder::append(std::span<const Applied> edits, std::function<void(Decided)> done) {
   if (!isShared()) return done({});
   const bool isAwayNow = isAway();
-  bool isNext = false;
-  {
-    const std::lock_guard lock(mutex_);
-    expects(!edits.empty() && !open_, "edits are appended one batch after the other");
-    isNext = !isAwayNow && !hasEnded_ && last_ && !mustLook_ && *last_ == own_;
-    if (isNext) {
-      expects(edits.front().number == own_ + 1, "edits are appended after those that this server has");
-      open_ = Open{{shared_.bus->server(), firstTag_ + batches_++}, own_, {}, {}, 0, false, std::move(done)};
-      for (const Applied& e : edits) {
-        open_->entries.push_back(edit_log::pack(open_->batch, e));
-        open_->identities.push_back(edit_log::identityOf(e));
-      }
-    }
+  std::unique_lock lock(mutex_);
+  expects(!edits.empty() && !open_, "edits are appended one batch after the other");
+  if (isAwayNow || hasEnded_ || !last_ || mustLook_ || *last_ != own_) {
+    lock.unlock();
+    return done(isAwayNow ? Decided{Decided::Kind::kAway, 0, kAwayNow} : Decided{Decided::Kind::kLost});
   }
-  if (isNext) return send();
-  done(isAwayNow ? Decided{Decided::Kind::kAway, 0, kAwayNow} : Decided{Decided::Kind::kLost});
+  expects(edits.front().number == own_ + 1, "edits are appended after those that this server has");
+  open_ = Open{{shared_.bus->server(), firstTag_ + batches_++}, own_, {}, {}, 0, false, std::move(done)};
+  for (const Applied& e : edits) {
+    open_->entries.push_back(edit_log::pack(open_->batch, e));
+    open_->identities.push_back(edit_log::identityOf(e));
+  }
+  lock.unlock();
+  send();
 }
 
 void EditOrder::send() {
@@ -385,7 +383,7 @@ void EditOrder::bringBack(std::uint64_t after, std::function<void(Next)> done) {
   });
 }
 
-void EditOrder::bringBack(std::uint64_t after, const std::vector<Applied>& edits, std::function<void(Next)> done) {
+void EditOrder::bringBack(std::uint64_t after, const std::vector<Applied>& edits, const std::function<void(Next)>& done) {
   expects(!edits.empty() && (edits.front().number == after || edits.front().number == after + 1), "what is brought back follows the log");
   const bool compares = edits.front().number == after;
   const std::uint64_t ours = edit_log::identityOf(edits.front());

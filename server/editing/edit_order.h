@@ -133,7 +133,7 @@ class EditOrder : public std::enable_shared_from_this<EditOrder> {
   Next readNext(Outcome<std::vector<bus::Entry>> entries, std::uint64_t after, std::uint64_t told);
   // The log ends with `after`, before own(). kNothing: go on.
   void bringBack(std::uint64_t after, std::function<void(Next)> done);
-  void bringBack(std::uint64_t after, const std::vector<edit_store::Applied>& edits, std::function<void(Next)> done);
+  void bringBack(std::uint64_t after, const std::vector<edit_store::Applied>& edits, const std::function<void(Next)>& done);
   void broughtBack(std::uint64_t after, std::size_t count, const bus::Appended& answer, const std::function<void(Next)>& done);
   Next differs(std::uint64_t number, std::uint64_t theirs, std::uint64_t ours) const;
   void claim();  // again and again
