@@ -357,7 +357,8 @@ class TakingUp {
     while (Clock::now() < until_) {
       if (!work_) {
         if (!names_ && !listNames()) return RetryAt{Clock::now() + kPause};
-        if (names_->empty()) break;
+        if (names_->empty() && areCurrent()) break;
+        if (names_->empty()) return RetryAt{Clock::now() + kPause};
         begin(names_->extract(names_->begin()).value());
       }
       Reply reply = work_(turn);
@@ -383,13 +384,14 @@ class TakingUp {
     return true;
   }
 
+  bool areCurrent() const {
+    return std::ranges::all_of(directory_.all(), [](const auto& session) { return session->isCurrent(); });
+  }
+
   void begin(const std::string& name) {
     const Enter enter = [](const std::shared_ptr<session::Session>& session) -> Reply {
       session->use();
-      return DeferredResponse{.work = [session](const Turn&) -> Reply {
-        if (session->isCurrent()) return Answer{};
-        return RetryAt{Clock::now() + kPause};
-      }};
+      return Answer{};
     };
     const auto making = std::make_shared<Making>(name, Wish{}, std::string(), noSession(name, directory_), directory_, enter, true);
     work_ = [making](const Turn& turn) { return making->turn(turn); };

@@ -25,9 +25,9 @@ std::optional<std::string> missingHere(const Request& request, const directory::
 // Makes that session here, if other servers have it, then `enter`; otherwise noSession().
 Reply fromElsewhere(const std::string& name, const Request& request, directory::Directory& directory, const Enter& enter);
 
-// With a bus: makes here, one after another, the sessions that live on other servers and whose edits this one has kept, so that no client
-// waits until it has read what was made since. RetryAt until that is done, or 10 seconds have passed; made before the directory joins the
-// others. `directory` must outlive it.
+// With a bus: makes here, one after another, the sessions that live on other servers and whose edits this one has kept, and reads
+// what was made since of all that are here, so that no client waits for that. RetryAt until it is done, or 10 seconds have passed; made
+// before the directory joins the others. `directory` must outlive it.
 std::function<Reply(const Turn&)> takingUp(directory::Directory& directory);
 
 // Places on a session's map in people's coordinates; a private one does not say where it lies. PROJ is slow: call from work. Error:

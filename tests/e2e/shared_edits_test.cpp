@@ -119,12 +119,12 @@ TEST_F(SharedEdits, HaveOneOrderWhateverIsKilled) {
 
 // Otherwise who comes first waits until it has read them.
 TEST_F(SharedEdits, AreReadBeforeAServerThatComesBackIsReady) {
-  const std::string path = "/v1/sessions/w/edits";
-  const auto makeOn = [&](std::size_t k) {
-    EXPECT_THAT(say(k, "POST " + path, "{\"op\": \"crater\", \"x\": 0, \"z\": 0, \"radius\": 5, \"depth\": 1}"), HasSubstr(" 201 "));
+  const auto makeOn = [&](std::size_t k, const std::string& session) {
+    EXPECT_THAT(say(k, "POST /v1/sessions/" + session + "/edits", "{\"op\": \"crater\", \"x\": 0, \"z\": 0, \"radius\": 5, \"depth\": 1}"),
+                HasSubstr(" 201 "));
   };
   for (std::size_t k = 0; k < 2; ++k) EXPECT_THAT(say(k, "GET /v1/heights?session=w&terrain=canyon&at=0,0"), HasSubstr(" 200 "));
-  makeOn(1);
+  makeOn(1, "w");
   const auto serversOfW = [&] {
     const auto listed = nlohmann::json::parse(bodyOf(say(1, "GET /v1/sessions")));
     for (const auto& session : listed["sessions"])
@@ -133,11 +133,13 @@ TEST_F(SharedEdits, AreReadBeforeAServerThatComesBackIsReady) {
   };
   ASSERT_TRUE(await([&] { return serversOfW().size() == 2; }));  // each second they tell
   servers[1].reset();
-  for (int k = 0; k < 20; ++k) makeOn(0);
+  for (int k = 0; k < 20; ++k)
+    for (const char* session : {"w", "default"}) makeOn(0, session);
   start(1);
   ASSERT_TRUE(await([&] { return bodyOf(say(1, "GET /readyz")) == "\r\n\r\nready\n"; }));
   EXPECT_THAT(serversOfW(), testing::Contains(3)) << "though nobody has asked it";
-  EXPECT_THAT(say(1, "GET " + path + "?since=20&limit=1"), HasSubstr("\"last\": 21"));
+  EXPECT_THAT(say(1, "GET /v1/sessions/w/edits?since=20&limit=1"), HasSubstr("\"last\": 21"));
+  EXPECT_THAT(say(1, "GET /v1/sessions/default/edits?since=19&limit=1"), HasSubstr("\"last\": 20"));
 }
 
 TEST_F(SharedEdits, NeedAFolderForEachServer) {
