@@ -61,7 +61,7 @@ class Bus {
 
   // This server's number: no other that the engine has known has it. Less than 2^20; 0: it is alone.
   virtual std::uint32_t server() const = 0;
-  virtual bool isAway() const = 0;
+  virtual bool isAway() const = 0;  // as soon as a call has no answer
   // The engine's clock, microseconds since 1970; while it is away, as it would have gone on.
   virtual std::int64_t now() const = 0;
 

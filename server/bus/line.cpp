@@ -212,7 +212,7 @@ void Line::next() {
 void Line::ask(Link& link, const std::vector<std::string_view>& words, std::function<void(const Reply&)> use) {
   ++asked_;
   link.send(command(words), [this, use = std::move(use)](const Answer& answer) {
-    if (answer.kind != Answer::Kind::kReply) return;  // lost() follows
+    if (answer.kind != Answer::Kind::kReply) return;  // lost() was there
     use(answer.reply);
     if (stage_ != Stage::kAway && --asked_ == 0) next();
   });

@@ -129,8 +129,8 @@ void Link::end(const Fault& fault) {
   if (hasEnded_) return;
   close();
   const auto calls = std::exchange(calls_, {});
-  for (std::size_t i = 0; i < calls.size(); ++i) calls[i]({i + unsent_ < calls.size() ? Answer::Kind::kLost : Answer::Kind::kUnsent, {}});
   if (!fault.why.empty()) events_.ended(fault);
+  for (std::size_t i = 0; i < calls.size(); ++i) calls[i]({i + unsent_ < calls.size() ? Answer::Kind::kLost : Answer::Kind::kUnsent, {}});
 }
 
 }  // namespace ridgecast::bus

@@ -2,7 +2,7 @@
 // One connection to Redis: commands in order, a reply to each, and what is pushed in between. Ends by itself when an answer takes too long.
 //
 //   open() -> resolve -> connect -> (TLS) -> AUTH, SELECT -> opened --+
-//      any of these fails ------------------------------------> ended <-+ closed, silent, no Redis; once, after the last answers
+//      any of these fails ------------------------------------> ended <-+ closed, silent, no Redis; once, before what is lost is told
 //
 // On the thread of its io_context alone. Heavy: for .cpp files that see sockets.
 
@@ -45,7 +45,7 @@ class Link final : public std::enable_shared_from_this<Link> {
   Link(boost::asio::io_context& io, Address address, std::string ca, Events events);
 
   void open();
-  void send(std::string command, Done done);  // done is called before `ended`
+  void send(std::string command, Done done);  // done is called once; after `ended` if there is no reply
   bool isIdle() const { return calls_.empty(); }
   void tick();  // a few times a second: looks whether an answer takes too long
   // What is asked is lost. Calls `ended`, unless the fault is empty.

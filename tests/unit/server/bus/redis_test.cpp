@@ -193,8 +193,9 @@ TEST_F(RedisBus, LosesNothingWhileTheEngineIsStopped) {
   redis.pause();
   const Answer<Appended> hangs;
   a->append("log", 1, {"two"}, Bus::Origin::kNew, hangs.take());
-  ASSERT_TRUE(awaitSoon([&] { return a->isAway(); }));
+  ASSERT_TRUE(awaitSoon([&] { return hangs.has(); }));
   EXPECT_EQ(hangs.get().kind, Kind::kUnknown);
+  EXPECT_TRUE(a->isAway());
   EXPECT_EQ(append(*a, 1, {"two"}).kind, Kind::kAway);
   redis.resume();
   ASSERT_TRUE(awaitSoon([&] { return !a->isAway(); }));
@@ -301,13 +302,18 @@ TEST_F(RedisBus, BoundsWhatWaits) {
   EXPECT_FALSE(hold(*a, "key", std::string(Redis::kMaxValueBytes + 1, 'x'), 0));
   EXPECT_TRUE(hold(*a, "key", std::string(Redis::kMaxValueBytes, 'x'), 0)->isYours);
   redis.pause();
-  std::atomic<int> away = 0, other = 0;
+  std::atomic<int> away = 0, other = 0, early = 0;
   const std::string part(1 << 20, 'x');
   for (int i = 0; i < 100; ++i)
-    a->append("log", 0, {part}, Bus::Origin::kNew, [&](const Appended& appended) { ++(appended.kind == Kind::kAway ? away : other); });
+    a->append("log", 0, {part}, Bus::Origin::kNew, [&](const Appended& appended) {
+      if (appended.kind == Kind::kUnknown && !a->isAway()) ++early;
+      ++(appended.kind == Kind::kAway ? away : other);
+    });
   // At least what is beyond 64 MiB was never sent.
   ASSERT_TRUE(awaitSoon([&] { return away + other == 100; }));
   EXPECT_GE(away, 36);
+  EXPECT_GT(other, 0);
+  EXPECT_EQ(early, 0) << "who has no answer finds the engine away";
   redis.resume();
   ASSERT_TRUE(awaitSoon([&] { return !a->isAway(); }));
   EXPECT_EQ(append(*a, 7, {"behind"}).kind, Kind::kBehind);
