@@ -233,7 +233,7 @@ TEST(StandingGround, ABodyThatGoesToAndFroKeepsItsTiles) {
   ASSERT_TRUE(ground->move(std::vector<Point>{{0, 0}}));
   settle(*ground, held);
   const std::size_t before = asked;
-  for (int step = 0; step < 200; ++step) {
+  for (int step = 0; step < testing_support::rounds(200); ++step) {
     ASSERT_TRUE(ground->move(std::vector<Point>{{(step % 2 ? 7 : -7) * kMetre, (step % 3 - 1) * 7 * kMetre}}));
     settle(*ground, held);
   }

@@ -6,6 +6,8 @@
 #include <random>
 #include <string>
 
+#include "tests/support/sanitized.h"
+
 namespace ridgecast::edits {
 namespace {
 
@@ -25,7 +27,7 @@ TEST(EditJson, ComesBackAsItWas) {
 
 TEST(EditJson, IsWrittenAsALibraryWritesIt) {
   std::mt19937_64 random(7);
-  for (int k = 0; k < 100'000; ++k) {
+  for (int k = 0; k < testing_support::rounds(100'000); ++k) {
     // Within 8,000 km: farther away the library may find a number with fewer digits.
     const auto steps = [&] { return static_cast<lattice::Step>(random() >> (33 + random() % 31)) * (random() % 2 == 0 ? 1 : -1); };
     const Operation o{Crater{{steps(), steps()}, steps(), static_cast<std::int32_t>(steps() / 256)},

@@ -12,6 +12,7 @@
 
 #include "tests/support/forgetful_disk.h"
 #include "tests/support/process.h"
+#include "tests/support/sanitized.h"
 #include "tests/unit/server/edit_log/session.h"
 
 namespace ridgecast::edit_log {
@@ -100,11 +101,11 @@ TEST(Crashes, KilledAtAnyInstantTheLogHasWhatItAcknowledged) {
 // A journal from the making that came back, because its folder was not synced, once undid what followed.
 TEST(Crashes, ALogWhoseMakingWasCutOffKeepsWhatFollows) {
   std::mt19937_64 random(5);
-  for (std::uint64_t round = 0; round < 400; ++round) {
+  for (int round = 0; round < testing_support::rounds(400); ++round) {
     const ScratchFolder folder;
     const std::filesystem::path file = folder / "a";
     ForgetfulDisk disk(random);
-    disk.cutPowerAfter(1 + round % 40);
+    disk.cutPowerAfter(1 + static_cast<std::uint64_t>(round) % 40);
     static_cast<void>(openOrCreate(file));  // perhaps
     disk.cutPower();
     disk.restorePower();

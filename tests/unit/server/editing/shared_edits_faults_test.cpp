@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "tests/support/crater.h"
+#include "tests/support/sanitized.h"
 #include "tests/unit/server/editing/shared_edits.h"
 
 namespace ridgecast::editing {
@@ -187,7 +188,7 @@ class SharedEditsWith : public testing::TestWithParam<std::pair<const char*, Fau
 
 TEST_P(SharedEditsWith, HaveOneOrder) {
   const char* const given = std::getenv("SEED");
-  const std::uint64_t first = given ? std::stoull(given) : 1, count = given ? 1 : 12;
+  const std::uint64_t first = given ? std::stoull(given) : 1, count = given ? 1 : testing_support::rounds(12);
   for (std::uint64_t seed = first; seed < first + count && !HasFailure(); ++seed) {
     SCOPED_TRACE("SEED=" + std::to_string(seed));
     Trial(2 + seed % 3, seed, GetParam().second).go(120);

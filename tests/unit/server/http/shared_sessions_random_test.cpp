@@ -5,6 +5,7 @@
 #include <random>
 #include <string>
 
+#include "tests/support/sanitized.h"
 #include "tests/unit/server/http/shared_sessions.h"
 
 namespace ridgecast::http {
@@ -61,9 +62,9 @@ TEST(SharedSessionsAtRandom, AreNeverSplit) {
     }
     std::mt19937_64 random;
   };
-  for (std::uint64_t seed = 1; seed <= 30; ++seed) {
+  for (int seed = 1; seed <= testing_support::rounds(30); ++seed) {
     SCOPED_TRACE(seed);
-    World(seed).run();
+    World(static_cast<std::uint64_t>(seed)).run();
     if (testing::Test::HasFailure()) return;
   }
 }

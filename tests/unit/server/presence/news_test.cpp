@@ -9,6 +9,7 @@
 #include <set>
 
 #include "server/presence/presence.h"
+#include "tests/support/sanitized.h"
 #include "tests/support/simulated_timer.h"
 #include "tests/unit/server/presence/listener.h"
 
@@ -74,7 +75,7 @@ TEST(News, FewMembersAreAllToldTwentyTimesASecondWhateverIsAskedFor) {
 TEST(News, ManyAreToldByNearnessWithinTheBytes) {
   std::mt19937_64 random(3);
   World w;
-  constexpr std::uint64_t kMembers = 600;
+  constexpr std::uint64_t kMembers = testing_support::kSanitized ? 250 : 600;
   const auto near = w.join(1, 24, true, true), blind = w.join(2, 24), old = w.join(3, 0), three = w.join(4, 3);
   for (std::uint64_t k = 5; k <= kMembers; ++k) w.join(k, 24, false);
   const auto walk = [&](std::uint64_t k) {
