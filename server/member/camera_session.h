@@ -58,6 +58,9 @@ class CameraSession final : public session::LiveCamera, public std::enable_share
   // A client whose window has been full this long without an acknowledgement is sent away.
   static constexpr std::chrono::minutes kAcknowledgeTimeout{5};
 
+  // Looks so often again while more is queued for a client than it may have for its next iteration.
+  static constexpr std::chrono::milliseconds kQueueRetry{20};
+
   std::uint64_t id() const { return id_; }
 
  private:

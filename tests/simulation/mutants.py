@@ -88,7 +88,7 @@ MUTANTS = [
     ("server/editing/edits.cpp",
      "asked.key = edit.author + '\\n' + edit.key;",
      "asked.key = edits::authorOf(edit.author).name + '\\n' + edit.key;"),
-    ("server/member/camera_session.cpp", "edits::toText({membership_.client, conversation_.hello().clientName})", "conversation_.hello().clientName"),
+    ("server/member/camera_edits.cpp", "edits::toText({membership_.client, conversation_.hello().clientName})", "conversation_.hello().clientName"),
     ("server/editing/edits.cpp",
      "if (!isMadeOf(asked, open->second->asked)) return ofAnother(0);",
      ""),
@@ -105,7 +105,7 @@ MUTANTS = [
     ("server/editing/edits_reading.cpp", "kept_.store->read(r.after, r.most);", "kept_.store->read(r.after + (r.after % 8 == 7), r.most);"),
     ("server/editing/edit_pages.cpp", "last = message.edits.back().number;", "last = message.edits.front().number;"),
     ("server/member/camera_session.cpp", "  news_.told = std::max(hello.editsAfter, session_->edits().compacted());\n", "  news_.told = 0;\n"),
-    ("server/member/camera_session.cpp", "  news_.isOnItsWay = false;\n  tellEdits();\n", "  news_.isOnItsWay = false;\n"),
+    ("server/member/camera_edits.cpp", "  news_.isOnItsWay = false;\n  tellEdits();\n", "  news_.isOnItsWay = false;\n"),
     # Undos.
     ("common/edits/undo.cpp", "    more = counted ? -1 : 1;\n", "    more = 1;\n"),
     ("common/edits/history.cpp", "edit != 0 && entries_.undos(k) == 0) ++entries_", "edit != 0) ++entries_"),
@@ -135,13 +135,13 @@ MUTANTS = [
     ("server/editing/edits.cpp", "news.changed.back() = around(news.changed.back(), *area);", "news.changed.back() = *area;"),
     ("server/editing/edits.cpp", "areas_.push_back(m.ground);", "areas_.push_back(batch_.made.back().ground);"),
     # Whoever should follow.
-    ("server/member/camera_session.cpp", "  conversation_.groundChanged();\n", ""),
+    ("server/member/camera_edits.cpp", "  conversation_.groundChanged();\n", ""),
     ("server/member/camera_session.cpp", "  task_.mesh->setGround(task_.ground.terrain, changed);", "  if (task_.ground.edit % 4 != 3) task_.mesh->setGround(task_.ground.terrain, changed);"),
     ("server/http/map_tiles.cpp", "etagOf(session->hashOf(ground),", "etagOf(session->contentHash(),"),
     ("server/http/map_tiles.cpp", "std::to_string(ground.edit)", "std::to_string(ground.edit / 2)"),
     # Bounds.
     ("server/editing/edits.cpp", "waiting_.size() >= kMaxWaiting)", "waiting_.size() > kMaxWaiting)"),
-    ("server/member/camera_session.cpp", "*openEdits_ >= wire::kMaxEdits + kArrived", "*openEdits_ > wire::kMaxEdits + kArrived"),
+    ("server/member/camera_edits.cpp", "*openEdits_ >= wire::kMaxEdits + kArrived", "*openEdits_ > wire::kMaxEdits + kArrived"),
     # The cache on the disk.
     # Tiles older than the last edit are left by damage alone, which edit_log_test makes; a server of this version writes both together.
     ("server/edit_log/log.cpp", "put(at, is, meta.tilesHash); !done)", "put(at, is, meta.baseHash); !done)"),
@@ -159,7 +159,7 @@ MUTANTS = [
      "  } catch (const std::bad_alloc&) {\n    if (batch_.making",
      "  } catch (const std::bad_alloc&) {\n    return false;\n    if (batch_.making"),
     # Members that do not read.
-    ("server/member/camera_session.cpp", "!news_.page.expired() || sender_", "sender_"),
+    ("server/member/camera_edits.cpp", "!news_.page.expired() || sender_", "sender_"),
     # Two that enter at once, and two servers.
     ("server/directory/reservations.cpp", "if (!names_->taken.insert(name).second) return std::unique_ptr<Reservation>();", "names_->taken.insert(name);"),
     ("server/directory/reservations.cpp", "  kept.held = held_;\n", ""),
