@@ -22,7 +22,9 @@ class SoundMesh final : public pipeline::IteratingMesh {
 
   settings::IterationStats iterate(const camera::Camera& camera) override {
     const settings::IterationStats stats = pipeline_.iterate(camera);
-    if (iterations_++ % kBetweenChecks == 0) EXPECT_EQ(testing_support::verify(pipeline_.mesh()), "");
+    if (iterations_++ % kBetweenChecks == 0) {
+      EXPECT_EQ(testing_support::verify(pipeline_.mesh()), "");
+    }
     return stats;
   }
   std::optional<pipeline::MeshState> state() const override { return pipeline_.state(); }
