@@ -22,7 +22,6 @@ namespace ridgecast::user_terrain {
 namespace {
 
 using std::filesystem::path;
-using terrain::Terrain;
 using testing::HasSubstr;
 
 // fork() calls what pthread_atfork registers; vfork() and posix_spawn() do not. A sanitizer may replace vfork by fork.

@@ -118,7 +118,7 @@ class SharedSessions : public testing::Test {
         if (server) server->executor.work();
   }
 
-  Replied ask(int server, std::string method, std::string target, std::string client = "token of ann",
+  Replied ask(int server, const std::string& method, std::string target, const std::string& client = "token of ann",
               access::Rights rights = access::Rights::all()) {
     Request request;
     request.method = method;
