@@ -263,7 +263,8 @@ TEST_F(RedisBus, TellsWhatItsEngineHasLostInTheMiddle) {
 // Edits without end leave room for what sessions need to go on.
 TEST_F(RedisBus, KeepsRoomForSmallRecords) {
   const RedisServer redis({"--maxmemory", "8mb"});
-  const auto a = connectTo({redis.url(), {}, {}});
+  const auto figures = std::make_shared<metrics::Metrics>();
+  const auto a = connectTo({redis.url(), {}, {}}, figures);
   const std::string entry(20'000, 'x');
   Appended appended;
   ASSERT_TRUE(awaitSoon([&] {
@@ -272,6 +273,14 @@ TEST_F(RedisBus, KeepsRoomForSmallRecords) {
   }));
   EXPECT_EQ(appended.kind, Kind::kFull);
   EXPECT_GT(appended.last, 100u);
+  // What was on its way counts for a second, and more may be left after that: from here on a thirty-second is.
+  const std::string memory = redis.command({"INFO", "memory"}), name = "used_memory:";
+  const std::uint64_t used = std::stoull(memory.substr(memory.find(name) + name.size()));
+  const std::string limit = std::to_string(used + used / 31);
+  redis.command({"CONFIG", "SET", "maxmemory", limit});
+  ASSERT_TRUE(awaitSoon([&] { return figures->registry.text().find("\nridgecast_bus_memory_limit_bytes " + limit) != std::string::npos; }));
+  ASSERT_TRUE(awaitSoon([&] { return (appended = append(*a, appended.last, {entry})).kind != Kind::kDone; }));
+  EXPECT_EQ(appended.kind, Kind::kFull);
   EXPECT_THAT(appended.why, HasSubstr("less than a sixteenth of its memory is left"));
   for (int k = 0; k < 50; ++k) ASSERT_TRUE(hold(*a, "key" + std::to_string(k), std::string(300, 'v'), 0)) << k;
   EXPECT_FALSE(hold(*a, "mesh", std::string(100'000, 'v'), 0));
