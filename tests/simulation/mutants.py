@@ -194,6 +194,12 @@ MUTANTS = [
      "  if (told < own()) return bringBack(told, std::move(done));",
      "  if (told < own()) return pause(kRetry), done({Next::Kind::kAway});",
      SEVERAL),
+    ("server/bus/link.cpp",
+     "  if (!fault.why.empty()) events_.ended(fault);\n"
+     "  for (std::size_t i = 0; i < calls.size(); ++i) calls[i]({i + unsent_ < calls.size() ? Answer::Kind::kLost : Answer::Kind::kUnsent, {}});\n",
+     "  for (std::size_t i = 0; i < calls.size(); ++i) calls[i]({i + unsent_ < calls.size() ? Answer::Kind::kLost : Answer::Kind::kUnsent, {}});\n"
+     "  if (!fault.why.empty()) events_.ended(fault);\n",
+     "test redis_test"),
     ("server/http/worlds.cpp",
      "if (upgrading) return upgradeOnceThere(std::move(session));",
      "if (upgrading) return Upgrade{std::move(session)};",
