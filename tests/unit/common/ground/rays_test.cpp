@@ -343,7 +343,7 @@ TEST(Rays, HaveEqualBitsWithAnyInstructionsCompanyAndThreads) {
 }
 
 struct Counted {
-  explicit Counted(int value) : value(value) { ++alive(); }
+  explicit Counted(int v) : value(v) { ++alive(); }
   Counted(const Counted& other) : value(other.value) { ++alive(); }
   ~Counted() { --alive(); }
   static std::atomic<int>& alive() {

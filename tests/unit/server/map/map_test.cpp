@@ -131,8 +131,8 @@ TEST(Mercator, BoundsHoldTheWholeMapAndNoMore) {
         for (std::size_t k = 0; k < sheet->nodes.size(); ++k) {
           const auto& node = sheet->nodes[k];
           if (std::abs(node.x) > 256'000 || std::abs(node.z) > 256'000) continue;
-          const std::size_t i = k % sheet->nodesAcross(), j = k / sheet->nodesAcross();
-          const double column = static_cast<double>(i) / 8, row = static_cast<double>(j) / 8;
+          const std::size_t across = k % sheet->nodesAcross(), down = k / sheet->nodesAcross();
+          const double column = static_cast<double>(across) / 8, row = static_cast<double>(down) / 8;
           const double longitude = std::ldexp(tile.x + column, 1 - 15) * 180 - 180;
           const double latitude = std::atan(std::sinh(std::numbers::pi * (1 - std::ldexp(tile.y + row, 1 - 15)))) * 180 / std::numbers::pi;
           west = std::min(west, longitude), east = std::max(east, longitude);
