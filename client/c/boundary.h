@@ -12,6 +12,7 @@
 #include <stdexcept>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "client/c/ridgecast.h"
 #include "client/query/ground.h"
@@ -24,6 +25,7 @@
 struct rc_terrain {
   ridgecast::query::Ground ground;
   rc_world* world = nullptr;  // that it belongs to
+  const std::vector<std::string> ownMaterials = ground.ownMaterials();
   bool isAsked() const { return ground.source() == ridgecast::query::Ground::Source::kServer; }
 };
 

@@ -65,6 +65,7 @@ typedef struct rc_terrain_options {
   const rc_parameter* parameters; /* of a built-in terrain or a terrain file */
   const char* raster;             /* of a height map: values of the server's --raster, separated by spaces: "pitch=30 nodata=fill" */
   const char* program;            /* ridgecast-server, which checks a terrain file first; default: the one in PATH */
+  const char* classes; /* of a height map: a file of the server's --classes, named in `raster`: "class=10:forest class=30:grass" */
 } rc_terrain_options;
 
 /* `name`: alpine, canyon, archipelago, a terrain file (.glsl; needs a C++ compiler, and seconds the first time), or a height map (.tif .png
@@ -82,6 +83,13 @@ rc_status rc_terrain_patches(rc_terrain* terrain, const double* bodies, size_t c
                              float* heights);
 /* Three numbers a place: the unit normal of the plane through the heights `spacing` metres to each side (0: 1/16 m). */
 rc_status rc_terrain_normals(rc_terrain* terrain, const double* places, size_t count, double spacing, float* normals);
+
+/* What the ground is made of: a number a place. 0: it is not said; 1 earth, 2 rock, 3 gravel, 4 sand, 5 grass, 6 asphalt, 7 concrete,
+   8 snow, as edits paint it, too; then the terrain's own, such as water. A height map says it by its `classes`, a terrain file by
+   terrainMaterial. */
+rc_status rc_terrain_materials(rc_terrain* terrain, const double* places, size_t count, uint8_t* materials);
+/* The name of one, "grass", valid as long as the terrain. Null: it is not said, or there is no such one. */
+const char* rc_terrain_material(const rc_terrain* terrain, uint8_t material);
 
 typedef struct rc_ray {
   double origin[3];    /* x, y, z */

@@ -5,6 +5,7 @@
 #include "client/c/boundary.h"
 #include "common/ground/ground.h"
 #include "common/process/child.h"
+#include "common/terrain/materials.h"
 #include "common/user_terrain/catalogue.h"
 
 namespace ridgecast::c {
@@ -87,6 +88,7 @@ Outcome<user_terrain::Request> requestOf(const char* name, const rc_terrain_opti
       if (auto added = raster::addRasterOption(std::string_view(raster).substr(at, end - at), request.raster); !added) return added.error();
     at = end + 1;
   }
+  if (options.classes) request.raster.classes = options.classes;
   if (options.program)
     request.build.prober = options.program;
   else if (request.terrain.ends_with(".glsl")) {
@@ -162,7 +164,7 @@ rc_status rc_terrain_normals(rc_terrain* terrain, const double* places, size_t c
     if (!(spacing == 0 || (spacing >= lattice::kMetresPerStep && spacing <= 256)))
       return fail(RC_INVALID, "a normal's spacing is 1/256 to 256 metres, or 0 for 1/16");
     const std::uint32_t steps =
-        spacing == 0 ? ground::kDefaultSpacing : static_cast<std::uint32_t>(std::lround(spacing * lattice::kStepsPerMetre));
+        spacing == 0 ? terrain::kDefaultSpacing : static_cast<std::uint32_t>(std::lround(spacing * lattice::kStepsPerMetre));
     return eachPart(*terrain, count, eachOf(places), [&](auto x, auto z, std::size_t first) {
       const std::span out(normals + 3 * first, 3 * x.size());
       return answer(
@@ -170,6 +172,22 @@ rc_status rc_terrain_normals(rc_terrain* terrain, const double* places, size_t c
           [&](auto& world) { return world.normals(x, z, out, steps); });
     });
   });
+}
+
+rc_status rc_terrain_materials(rc_terrain* terrain, const double* places, size_t count, uint8_t* materials) {
+  return guarded([&] {
+    if (!terrain || (count > 0 && !(places && materials))) return fail(RC_INVALID, "materials need a terrain, places, and room");
+    return eachPart(*terrain, count, eachOf(places), [&](auto x, auto z, std::size_t first) {
+      const std::span out(materials + first, x.size());
+      return answer(
+          *terrain, [&](auto& ground) { return ground.materials(x, z, out); }, [&](auto& world) { return world.materials(x, z, out); });
+    });
+  });
+}
+
+const char* rc_terrain_material(const rc_terrain* terrain, uint8_t material) {
+  const std::string_view name = terrain ? terrain::materialName(material, terrain->ownMaterials) : std::string_view();
+  return name.empty() ? nullptr : name.data();  // of a literal, or a string
 }
 
 rc_status rc_terrain_rays(rc_terrain* terrain, const rc_ray* rays, size_t count, rc_hit* hits) {

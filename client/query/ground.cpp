@@ -13,6 +13,7 @@
 #include "common/edits/json.h"
 #include "common/glsl/declaration.h"
 #include "common/outcome/contract.h"
+#include "common/text/text.h"
 #include "common/wire/wire.h"
 
 namespace ridgecast::query {
@@ -268,8 +269,26 @@ Outcome<void> Ground::normals(std::span<const lattice::Step> x, std::span<const 
                [](const wire::Answer& a) -> const std::vector<float>& { return a.normals; });
   const auto here = local();
   if (!here) return here.error();
-  ground::normals(*here->terrain, x, z, spacing, out);
+  terrain::normals(*here->terrain, x, z, spacing, out);
   return {};
+}
+
+Outcome<void> Ground::materials(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<std::uint8_t> out) const {
+  if (auto fits = checkPlaces(x.size(), z.size(), 1, out.size()); !fits) return fits;
+  if (!local_)
+    return ask(out.size(), kBatch, out, 1, placesOf(wire::QueryKind::kMaterials, x, z),
+               [](const wire::Answer& a) -> const std::vector<std::uint8_t>& { return a.materials; });
+  const auto here = local();
+  if (!here) return here.error();
+  here->terrain->materials(x, z, out);
+  return {};
+}
+
+std::vector<std::string> Ground::ownMaterials() const {
+  if (local_) return {local_->ownMaterials().begin(), local_->ownMaterials().end()};
+  std::vector<std::string> out;
+  for (std::string_view rest = connection_->world().materials; !rest.empty();) out.emplace_back(text::takePart(rest, ' '));
+  return out;
 }
 
 Outcome<void> Ground::cast(std::span<const ground::Ray> rays, std::span<double> out) const {

@@ -1,5 +1,5 @@
 #pragma once
-// The true terrain of a session's world, for simulations: heights, normals, rays.
+// The true terrain of a session's world, for simulations: heights, normals, materials, rays.
 //
 // If a terrain here has the world's content hash, a built-in one with its parameters or one that is given, answers are computed locally, at
 // once. Otherwise the server is asked, in batches, and each call waits for its answers; also where the session has so many edits that
@@ -13,6 +13,7 @@
 #include <cstdint>
 #include <memory>
 #include <span>
+#include <string>
 #include <vector>
 
 #include "client/link/connection.h"
@@ -78,7 +79,10 @@ class Ground {
                         std::uint64_t* edit = nullptr) const;
   // Unit normals, three numbers each, over `spacing` steps to each side (common/ground/ground.h).
   Outcome<void> normals(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out,
-                        std::uint32_t spacing = ground::kDefaultSpacing) const;
+                        std::uint32_t spacing = terrain::kDefaultSpacing) const;
+  // What the ground is made of (terrain/materials.h).
+  Outcome<void> materials(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<std::uint8_t> out) const;
+  std::vector<std::string> ownMaterials() const;
   // Metres along each ray to the ground; ground::kNoHit if it meets none. A ray out of PROTOCOL.md's ranges is an error that names the
   // field, the same from both sources; the connection lives.
   Outcome<void> cast(std::span<const ground::Ray> rays, std::span<double> out) const;

@@ -8,8 +8,9 @@
 #include <string>
 
 #include "client/viewer/theme.h"
-#include "common/edits/json.h"
+#include "common/edits/operation.h"
 #include "common/settings/settings.h"
+#include "common/terrain/materials.h"
 #include "common/wire/messages.h"
 
 namespace ridgecast::viewer {
@@ -149,7 +150,7 @@ EditRequests drawEditBar(const EditMode& edit, float width) {
   ImGui::Dummy({0, 0});
   for (std::size_t k = 0; k < core::kToolNames.size(); ++k)
     if (const auto which = static_cast<core::Tool>(k); tool(core::kToolNames[k], right, which == edit.tool)) requests.tool = which;
-  const auto material = [](std::uint32_t k) { return k == 0 ? "as it is" : edits::kMaterialNames[k - 1]; };
+  const auto material = [](std::uint32_t k) { return k == 0 ? "as it is" : terrain::kMaterials[k - 1]; };
   inLine(right, 7 * letter);
   ImGui::SetNextItemWidth(7 * letter);
   if (ImGui::BeginCombo("##material", material(edit.material), ImGuiComboFlags_HeightLargest)) {

@@ -110,6 +110,10 @@ Result<void> World::heights(std::span<const lattice::Step> x, std::span<const la
   return query([&] { return ground_.heights(x, z, out); });
 }
 
+Result<void> World::materials(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<std::uint8_t> out) {
+  return query([&] { return ground_.materials(x, z, out); });
+}
+
 Result<void> World::normals(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out,
                             std::uint32_t spacing) {
   return query([&] { return ground_.normals(x, z, out, spacing); });

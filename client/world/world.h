@@ -87,6 +87,7 @@ class World {
   // The true terrain: query/ground.h. (terrain() does not wait for a lost connection.)
   const query::Ground& terrain() const { return ground_; }
   Result<void> heights(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out);
+  Result<void> materials(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<std::uint8_t> out);
   Result<void> normals(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out, std::uint32_t spacing);
   Result<void> hits(std::span<const ground::Ray> rays, std::span<query::Hit> out);
 

@@ -22,6 +22,12 @@ void EditedTerrain::heights(std::span<const lattice::Step> x, std::span<const la
   layer_->heights(*base_, x, z, out);
 }
 
+void EditedTerrain::materials(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<std::uint8_t> out) const {
+  base_->materials(x, z, out);
+  for (std::size_t k = 0; !layer_->empty() && k < out.size(); ++k)
+    if (const std::uint8_t painted = layer_->materialAt({x[k], z[k]}); painted != 0) out[k] = painted;
+}
+
 const terrain::RasterShape& Rise::shape() const {
   static const terrain::RasterShape endless{
       .x = {0, terrain::pitchOf(kPostSteps)}, .z = {0, terrain::pitchOf(kPostSteps)}, .lowest = -kMaxRise, .highest = kMaxRise};

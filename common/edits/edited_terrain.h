@@ -38,8 +38,11 @@ class EditedTerrain final : public terrain::Terrain {
   const terrain::Raster* edits() const override { return layer_->empty() ? nullptr : &rise_; }
   terrain::Relief relief() const override { return base_->edits() ? terrain::Relief() : base_->relief(); }  // one layer's rises are known
   const terrain::Terrain& unedited() const override { return base_->unedited(); }
+  std::span<const std::string> ownMaterials() const override { return base_->ownMaterials(); }
   terrain::Colours colours() const override;  // posts with a material have its colour
   void heights(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out) const override;
+  // As the posts are painted; elsewhere the terrain's.
+  void materials(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<std::uint8_t> out) const override;
 
  private:
   std::shared_ptr<const terrain::Terrain> base_;
@@ -50,7 +53,7 @@ class EditedTerrain final : public terrain::Terrain {
 // The layer on a terrain; null: unedited.
 std::shared_ptr<const Layer> layerOf(const terrain::Terrain& terrain);
 
-// Linear red, green and blue of materials 1 to kMaterials: earth, rock, gravel, sand, grass, asphalt, concrete, snow. On every terrain.
+// Linear red, green and blue of materials 1 to kMaterials.
 std::array<float, 3> colourOf(std::uint8_t material);
 
 }  // namespace ridgecast::edits

@@ -79,7 +79,7 @@ class Fields {
     const Json* value = find("material");
     if (!value) return 0;
     for (std::uint32_t k = 0; k < kMaterials; ++k)
-      if (*value == kMaterialNames[k]) return k + 1;
+      if (*value == terrain::kMaterials[k]) return k + 1;
     return static_cast<std::uint32_t>(fail("material", "must be earth, rock, gravel, sand, grass, asphalt, concrete or snow"));
   }
   template <class T>

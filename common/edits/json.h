@@ -24,10 +24,6 @@
 
 namespace ridgecast::edits {
 
-// Of materials 1 to kMaterials.
-inline constexpr std::array<const char*, kMaterials> kMaterialNames{"earth", "rock",    "gravel",   "sand",
-                                                                    "grass", "asphalt", "concrete", "snow"};
-
 // One line.
 std::string toJson(const Operation& operation);
 // From two coordinates of a CRS to x and z, metres of the world. Error: one sentence.

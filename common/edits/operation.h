@@ -14,6 +14,7 @@
 
 #include "common/lattice/lattice.h"
 #include "common/outcome/outcome.h"
+#include "common/terrain/materials.h"
 
 namespace ridgecast::edits {
 
@@ -28,8 +29,8 @@ inline constexpr std::size_t kMaxCorners = 256, kMaxStations = 1024;
 inline constexpr std::uint32_t kMaxSlope = 1u << 16;  // 1/256: 256 m a metre, a wall
 inline constexpr std::uint32_t kMaxStampSide = 256;   // samples
 inline constexpr std::int64_t kMaxPosts = std::int64_t{1} << 21;
-inline constexpr std::uint32_t kMaxPasses = 16;  // of smoothing
-inline constexpr std::uint32_t kMaterials = 8;   // 1..8; 0: the ground's own
+inline constexpr std::uint32_t kMaxPasses = 16;                          // of smoothing
+inline constexpr std::uint32_t kMaterials = terrain::kMaterials.size();  // 1..8; 0: the ground's own
 
 // Adds `amount` within `core` of the middle, less towards `radius` (smoothstep), nothing beyond. Negative: lowers.
 struct Raise {

@@ -81,7 +81,7 @@ struct Writer {
 
 std::string toJson(const Operation& operation) {
   Members members = std::visit(Writer(), operation.what);
-  if (operation.material > 0) members.emplace_back("material", quoted(kMaterialNames[operation.material - 1]));
+  if (operation.material > 0) members.emplace_back("material", quoted(terrain::kMaterials[operation.material - 1]));
   std::ranges::sort(members, {}, [](const auto& member) { return std::string_view(member.first); });
   std::string out;
   for (const auto& [name, value] : members) out += (out.empty() ? '{' : ',') + quoted(name) + ':' + value;

@@ -18,6 +18,7 @@ namespace {
 
 constexpr std::string_view kHeight = "float terrainHeight(ivec2 cell, vec2 fraction, float footprint, uint seed)";
 constexpr std::string_view kColour = "vec3 terrainColor(ivec2 cell, vec2 fraction, float height, vec3 normal, float footprint, uint seed)";
+constexpr std::string_view kMaterial = "int terrainMaterial(ivec2 cell, vec2 fraction, float height, vec3 normal, uint seed)";
 
 std::size_t lineOf(std::string_view text, std::size_t position) {
   return static_cast<std::size_t>(std::count(text.begin(), text.begin() + static_cast<std::ptrdiff_t>(position), '\n')) + 1;
@@ -215,6 +216,9 @@ Outcome<Checked> checkGlsl(std::string_view file, std::string_view text, const s
     wrong->push_back(right.error().message);
   if (auto right = checkSignature(file, out, "terrainColor", kColour, "vec3 terrainColor(ivec2, vec2, float, vec3, float, uint)"); !right)
     wrong->push_back(right.error().message);
+  if (out.hasMaterials())
+    if (auto right = checkSignature(file, out, "terrainMaterial", kMaterial, "int terrainMaterial(ivec2, vec2, float, vec3, uint)"); !right)
+      wrong->push_back(right.error().message);
   if (!wrong->empty()) return joined(file, std::move(*wrong));
 
   for (const auto& [version, dialect] : kDialects) {

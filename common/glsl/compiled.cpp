@@ -13,19 +13,38 @@
 #include "common/glsl/probe.h"
 #include "common/outcome/contract.h"
 #include "common/process/scratch.h"
+#include "common/terrain/materials.h"
 #include "common/terrain/variants.h"
 
 namespace ridgecast::glsl {
 namespace {
 
+std::size_t mostOf(const std::vector<std::string>& ownMaterials) { return terrain::kMaterials.size() + ownMaterials.size(); }
+
 class Compiled final : public terrain::Terrain {
  public:
-  Compiled(Source source, std::uint32_t seed, std::shared_ptr<const Library> library, Complain complain)
-      : source_(std::move(source)), seed_(seed), library_(std::move(library)), complain_(std::move(complain)) {}
+  Compiled(Source source, std::vector<std::string> materials, std::uint32_t seed, std::shared_ptr<const Library> library, Complain complain)
+      : source_(std::move(source)),
+        ownMaterials_(std::move(materials)),
+        seed_(seed),
+        library_(std::move(library)),
+        complain_(std::move(complain)) {}
   std::string_view name() const override { return source_.name; }
   std::string_view source() const override { return source_.text; }
   std::uint32_t seed() const override { return seed_; }
   terrain::Colours colours() const override { return library_->colours() ? terrain::asColours(library_->colours()) : terrain::Colours(); }
+  std::span<const std::string> ownMaterials() const override { return ownMaterials_; }
+  void materials(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<std::uint8_t> out) const override {
+    if (!library_->materials()) return Terrain::materials(x, z, out);
+    terrain::materialsBy([&](auto... places) { library_->materials()(places..., seed_); }, *this, x, z, out);
+    for (std::size_t k = 0; k < out.size(); ++k) {
+      if (out[k] <= mostOf(ownMaterials_)) continue;
+      if (!toldMaterial_.exchange(true, std::memory_order_relaxed) && complain_)
+        complain_(source_.file + ": the material at " + placeText(x[k], z[k]) + " " + materialFault(mostOf(ownMaterials_)) +
+                  "; taken for 0, here and wherever it happens again");
+      out[k] = 0;
+    }
+  }
   void heights(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out) const override {
     const std::size_t count = out.size();
     expects(x.size() == count && z.size() == count, "each place has its height");
@@ -46,14 +65,16 @@ class Compiled final : public terrain::Terrain {
 
  private:
   Source source_;
+  std::vector<std::string> ownMaterials_;
   std::uint32_t seed_;
   std::shared_ptr<const Library> library_;
   Complain complain_;
-  mutable std::atomic<bool> told_ = false;
+  mutable std::atomic<bool> told_ = false, toldMaterial_ = false;
 };
 
 // The fault that probe() found, at the expression it comes from, or at least at the function.
-Error withPlace(const Error& fault, const Source& source, std::uint32_t seed, const Build& build, const std::stop_token& stop) {
+Error withPlace(const Error& fault, const Source& source, std::size_t mostMaterial, std::uint32_t seed, const Build& build,
+                const std::stop_token& stop) {
   constexpr float kInfinity = std::numeric_limits<float>::infinity();
   if (fault.message.find(faultOf(kInfinity - kInfinity)) == std::string::npos &&
       fault.message.find(faultOf(kInfinity)) == std::string::npos)
@@ -73,7 +94,7 @@ Error withPlace(const Error& fault, const Source& source, std::uint32_t seed, co
   const std::filesystem::path library = scratch->path() / "traced.so";
   translated->traced = true;
   if (!compile(source.file, *translated, "baseline", library, stop)) return atFunction;
-  const auto again = probe(source.file, library, seed, build.prober, stop);
+  const auto again = probe(source.file, library, mostMaterial, seed, build.prober, stop);
   return again || again.error().message == fault.message ? atFunction : again.error();
 }
 
@@ -82,7 +103,7 @@ struct Built {
   std::string advice;
 };
 
-Outcome<Built> built(const Source& source, std::uint32_t seed, const Build& build, const std::stop_token& stop) {
+Outcome<Built> built(const Source& source, std::size_t mostMaterial, std::uint32_t seed, const Build& build, const std::stop_token& stop) {
   const std::string variant = build.variant.empty() ? std::string(terrain::variants().back().name) : build.variant;
   auto cache = Cache::open(build.cache);
   std::optional<process::Scratch> once;  // without a cache folder, compile every time; a loaded library survives the removal of its file
@@ -110,8 +131,8 @@ Outcome<Built> built(const Source& source, std::uint32_t seed, const Build& buil
   auto file = make(true);
   if (!file && !build.colours && !stop.stop_requested()) file = make(false);
   if (!file) return file.error();
-  auto fine = probe(source.file, *file, seed, build.prober, stop);
-  if (!fine) return withPlace(fine.error(), source, seed, build, stop);
+  auto fine = probe(source.file, *file, mostMaterial, seed, build.prober, stop);
+  if (!fine) return withPlace(fine.error(), source, mostMaterial, seed, build, stop);
   auto library = Library::open(*file);
   if (!library) return library.error();
   return Built{std::move(*library), std::move(*fine)};
@@ -128,12 +149,12 @@ Outcome<std::shared_ptr<const terrain::Terrain>> load(Source source, const std::
   auto text = withParameters(source.file, source.text, *declaration, parameters);
   if (!text) return text.error();
   source.text = std::move(*text);
-  auto made = built(source, seed, build, stop);
+  auto made = built(source, mostOf(declaration->materials), seed, build, stop);
   if (!made) return wrong(made.error());
   for (const std::string& better : {advice(source.file, source.text), made->advice})
     if (complain && !better.empty()) complain(better);
-  return std::shared_ptr<const terrain::Terrain>(
-      std::make_shared<Compiled>(std::move(source), seed, std::move(made->library), std::move(complain)));
+  return std::shared_ptr<const terrain::Terrain>(std::make_shared<Compiled>(std::move(source), std::move(declaration->materials), seed,
+                                                                            std::move(made->library), std::move(complain)));
 }
 
 }  // namespace ridgecast::glsl

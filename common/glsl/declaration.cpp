@@ -7,6 +7,7 @@
 
 #include "common/glsl/tokens.h"
 #include "common/outcome/contract.h"
+#include "common/terrain/materials.h"
 
 namespace ridgecast::glsl {
 namespace {
@@ -65,6 +66,26 @@ std::optional<Parameter> readParameter(std::string_view code, std::string_view c
   return p;
 }
 
+constexpr std::string_view kMaterialsLine = "materials:";
+
+Outcome<std::vector<std::string>> readMaterials(const std::string& where, std::string_view names) {
+  std::vector<std::string> out;
+  while (!trimmed(names).empty()) {
+    const std::string name(trimmed(text::takePart(names, ',')));
+    if (!terrain::isMaterialName(name))
+      return Error{where + "'" + name + "' names no material: 1 to 32 of a-z 0-9 _ -, with commas between"};
+    if (const auto shared = std::ranges::find(terrain::kMaterials, name); shared != terrain::kMaterials.end())
+      return Error{where + name + " is number " + std::to_string(shared - terrain::kMaterials.begin() + 1) +
+                   " on every terrain: leave it out here"};
+    if (std::ranges::find(out, name) != out.end()) return Error{where + name + " is there twice"};
+    out.push_back(name);
+  }
+  if (out.empty() || out.size() > terrain::kMaxOwnMaterials)
+    return Error{where + "materials are 1 to " + std::to_string(terrain::kMaxOwnMaterials) + " names, the first of number " +
+                 std::to_string(terrain::kMaterials.size() + 1)};
+  return {boost::system::in_place_value, std::move(out)};
+}
+
 constexpr const char* kOfThisText = "a declaration goes with the text that it was read from";
 
 std::string shortNumber(double v) { return text::rounded(v, 9); }
@@ -87,6 +108,13 @@ Outcome<Declaration> readDeclaration(std::string_view file, std::string_view tex
     const std::size_t mark = line.find("//!");
     if (mark == std::string_view::npos) continue;
     const std::string_view code = trimmed(line.substr(0, mark)), comment = trimmed(line.substr(mark + 3));
+    if (code.empty() && comment.starts_with(kMaterialsLine)) {
+      if (auto named = readMaterials(at(file, number), comment.substr(kMaterialsLine.size())); !named || !out.materials.empty())
+        return named ? Error{at(file, number) + "there is one line of materials"} : named.error();
+      else
+        out.materials = std::move(*named);
+      continue;
+    }
     if (code.empty()) {
       if (out.summary.empty()) out.summary = comment;
       continue;

@@ -1,6 +1,7 @@
 #pragma once
 // What a terrain file declares in comments that begin with //! :
 //   //! rolling hills with lakes                                            the first such line of its own: a summary
+//   //! materials: mud, moor                                               names of materials 9, 10, ... (terrain/materials.h)
 //   const float snowLine = 1800.0;  //! 0..4000 m: height of the snow line  a parameter: default, least..most, unit (optional)
 // Setting a parameter rewrites its literal. The resulting text is the terrain: it is compiled, hashed and sent to clients.
 
@@ -23,7 +24,8 @@ struct Parameter {
 
 struct Declaration {
   std::string summary;
-  std::vector<Parameter> parameters;  // in the file's order
+  std::vector<std::string> materials;  // own ones, from number 9 on
+  std::vector<Parameter> parameters;   // in the file's order
 };
 
 // A value for a parameter, as --param gives it.

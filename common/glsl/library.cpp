@@ -25,7 +25,8 @@
 namespace ridgecast::glsl {
 namespace {
 
-constexpr const char *kEntry = "ridgecast_heights", *kColours = "ridgecast_colours", *kTrace = "ridgecast_trace";
+constexpr const char *kEntry = "ridgecast_heights", *kColours = "ridgecast_colours", *kMaterials = "ridgecast_materials",
+                     *kTrace = "ridgecast_trace";
 
 // The flags of the built-in terrains (common/terrain/CMakeLists.txt); never with fused multiply-add. What is too large for the stack hits
 // its guard (-fstack-clash-protection) and never jumps over it.
@@ -70,11 +71,13 @@ std::string programText(const Translation& t) {
         .append("u;\n#define RIDGECAST_STEPS_LEFT stepsLeft__\n");
   }
   if (t.colours) out.append("#define RIDGECAST_COLOURS\n");
+  if (t.materials) out.append("#define RIDGECAST_MATERIALS\n");
   if (t.traced) out.append(embedded::glsl_trace).append("\n");
   out.append("namespace person__ {\n")
       .append(t.text)
       .append("}\n#line 1 \"batch.h\"\nnamespace program__ {\nusing person__::terrainHeight;\n");
   if (t.colours) out.append("using person__::terrainColor;\n");
+  if (t.materials) out.append("using person__::terrainMaterial;\n");
   out.append(terrain::batch()).append("\n}\n}\nextern \"C\" __attribute__((visibility(\"default\"))) void ").append(kEntry);
   out.append(
       "(const __INT64_TYPE__* x, const __INT64_TYPE__* z, float* out, __SIZE_TYPE__ count, uint seed) {\n"
@@ -85,6 +88,12 @@ std::string programText(const Translation& t) {
         .append(
             "(const __INT64_TYPE__* x, const __INT64_TYPE__* z, const float* height, const float* normal, float footprint, float* out, "
             "__SIZE_TYPE__ count, uint seed) {\n  program__::colours(x, z, height, normal, footprint, out, count, seed);\n}\n");
+  if (t.materials)
+    out.append("extern \"C\" __attribute__((visibility(\"default\"))) void ")
+        .append(kMaterials)
+        .append(
+            "(const __INT64_TYPE__* x, const __INT64_TYPE__* z, const float* height, const float* normal, unsigned char* out, "
+            "__SIZE_TYPE__ count, uint seed) {\n  program__::materials(x, z, height, normal, out, count, seed);\n}\n");
   if (t.traced)
     out.append("extern \"C\" __attribute__((visibility(\"default\"))) Traced__ ")
         .append(kTrace)
@@ -125,6 +134,7 @@ Outcome<std::shared_ptr<const Library>> Library::open(const std::filesystem::pat
   auto library = std::shared_ptr<Library>(new Library(handle));
   library->heights_ = reinterpret_cast<terrain::HeightsFunction>(dlsym(handle, kEntry));
   library->colours_ = reinterpret_cast<terrain::ColoursFunction>(dlsym(handle, kColours));
+  library->materials_ = reinterpret_cast<terrain::MaterialsFunction>(dlsym(handle, kMaterials));
   library->trace_ = reinterpret_cast<TraceFunction>(dlsym(handle, kTrace));
   if (!library->heights_) return Error{file.string() + " is not a compiled terrain; remove it"};
   return std::shared_ptr<const Library>(std::move(library));

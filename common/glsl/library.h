@@ -28,14 +28,16 @@ class Library {
   Library(const Library&) = delete;
   Library& operator=(const Library&) = delete;
   terrain::HeightsFunction heights() const { return heights_; }
-  terrain::ColoursFunction colours() const { return colours_; }  // null unless translated with colours
-  TraceFunction trace() const { return trace_; }                 // null unless traced; of the heights since the last call
+  terrain::ColoursFunction colours() const { return colours_; }        // null unless translated with colours
+  terrain::MaterialsFunction materials() const { return materials_; }  // null unless the file has them
+  TraceFunction trace() const { return trace_; }                       // null unless traced; of the heights since the last call
 
  private:
   explicit Library(void* handle) : handle_(handle) {}
   void* handle_;
   terrain::HeightsFunction heights_ = nullptr;
   terrain::ColoursFunction colours_ = nullptr;
+  terrain::MaterialsFunction materials_ = nullptr;
   TraceFunction trace_ = nullptr;
 };
 

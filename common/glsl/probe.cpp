@@ -26,8 +26,9 @@ constexpr std::string_view kFlag = "--probe-terrain";
 
 constexpr float kTolerance = 1e-3f;  // of a colour's components, beyond 0 to 1
 
-// What the child says last is what it was at: "heights X Z", "colours X Z" (steps), "fault X Z BITS" (of a height; with a traced
-// library also "LINE NAME"), "colour X Z BITS" (of one without a number), or "done", with " X Z BITS" of one that is too bright or dark.
+// What the child says last is what it was at: "heights X Z", "materials X Z", "colours X Z" (steps), "fault X Z BITS" (of a height; with a
+// traced library also "LINE NAME"), "material X Z" (that there is not), "colour X Z BITS" (of one without a number), or "done", with
+// " X Z BITS" of a colour that is too bright or dark.
 void say(const std::string& text) {
   const std::string line = text + "\n";
   if (write(STDOUT_FILENO, line.data(), line.size()) < 0) _exit(1);  // nobody listens
@@ -55,7 +56,7 @@ std::string rewrite(std::string_view name, float height) {
   return "";
 }
 
-void tryAll(const Library& library, std::uint32_t seed) {
+void tryAll(const Library& library, std::size_t mostMaterial, std::uint32_t seed) {
   std::array<lattice::Step, kBatch> x, z;
   std::array<float, kBatch> out;
   std::array<float, 3 * kBatch> normals{}, colours;
@@ -79,14 +80,21 @@ void tryAll(const Library& library, std::uint32_t seed) {
         if (!faultOf(out[i]).empty())
           return say(placed("fault", x[i], z[i]) + " " + std::to_string(std::bit_cast<std::uint32_t>(out[i])) +
                      traced(library, x[i], z[i], out[i], seed));
+      if (library.materials()) {
+        std::array<std::uint8_t, kBatch> materials;
+        say(placed("materials", x[0], z[0]));
+        library.materials()(x.data(), z.data(), out.data(), normals.data(), materials.data(), kBatch, seed);
+        for (std::size_t i = 0; i < kBatch; ++i)
+          if (materials[i] > mostMaterial) return say(placed("material", x[i], z[i]));
+      }
       if (!library.colours()) continue;
       say(placed("colours", x[0], z[0]));
       library.colours()(x.data(), z.data(), out.data(), normals.data(), 0, colours.data(), kBatch, seed);
       for (std::size_t k = 0; k < colours.size(); ++k) {
         if (colours[k] >= -kTolerance && colours[k] <= 1 + kTolerance) continue;
-        const std::string bits = " " + std::to_string(std::bit_cast<std::uint32_t>(colours[k]));
-        if (!std::isfinite(colours[k])) return say(placed("colour", x[k / 3], z[k / 3]) + bits);
-        if (beyond.empty()) beyond = placed("", x[k / 3], z[k / 3]) + bits;
+        const std::string where = placed("", x[k / 3], z[k / 3]) + " " + std::to_string(std::bit_cast<std::uint32_t>(colours[k]));
+        if (!std::isfinite(colours[k])) return say("colour" + where);
+        if (beyond.empty()) beyond = where;
       }
     }
   }
@@ -118,30 +126,35 @@ std::string_view faultOf(float height) {
   return {};
 }
 
+std::string materialFault(std::size_t most) {
+  return "is no number of 0 to " + std::to_string(most) + "; names of more stand in a line such as //! materials: mud, moor";
+}
+
 std::string placeText(lattice::Step x, lattice::Step z) {
   const auto metres = [](lattice::Step steps) { return text::rounded(static_cast<double>(steps) * lattice::kMetresPerStep, 10); };
   return "x " + metres(x) + " m, z " + metres(z) + " m";
 }
 
 std::optional<int> asProbe(int argc, char** argv) {
-  if (argc != 4 || argv[1] != kFlag) return std::nullopt;
+  if (argc != 5 || argv[1] != kFlag) return std::nullopt;
   const auto library = Library::open(argv[2]);
   const auto seed = text::number<std::uint32_t>(argv[3]);
-  if (!library || !seed) return 1;
+  const auto mostMaterial = text::number<std::size_t>(argv[4]);
+  if (!library || !seed || !mostMaterial) return 1;
   const std::uint64_t used = addressSpace(), most = used + kRoom;
   const rlimit stack{kStack, kStack}, space{most, most}, none{0, 0};
   setrlimit(RLIMIT_STACK, &stack);
   setrlimit(RLIMIT_FSIZE, &none);  // not before this: a sanitizer writes a file as the process begins
   if (used) setrlimit(RLIMIT_AS, &space);
   for (const int signal : {SIGSEGV, SIGFPE, SIGILL, SIGBUS, SIGABRT, SIGXCPU}) std::signal(signal, SIG_DFL);  // not a sanitizer's
-  tryAll(**library, *seed);
+  tryAll(**library, *mostMaterial, *seed);
   return 0;
 }
 
-Outcome<std::string> probe(std::string_view file, const std::filesystem::path& library, std::uint32_t seed,
+Outcome<std::string> probe(std::string_view file, const std::filesystem::path& library, std::size_t mostMaterial, std::uint32_t seed,
                            const std::filesystem::path& program, const std::stop_token& stop, std::chrono::seconds time) {
   const auto error = [&](const std::string& what) { return Error{std::string(file) + ": " + what}; };
-  const auto end = process::runChild(program, {std::string(kFlag), library.string(), std::to_string(seed)},
+  const auto end = process::runChild(program, {std::string(kFlag), library.string(), std::to_string(seed), std::to_string(mostMaterial)},
                                      {.time = time, .memory = ~std::uint64_t{0}}, stop);
   if (stop.stop_requested()) return error("stopped while its heights were tried");
   if (!end) return error("its heights cannot be tried: " + end.error().message);
@@ -155,14 +168,16 @@ Outcome<std::string> probe(std::string_view file, const std::filesystem::path& l
   std::size_t line = 0;
   std::string name;
   words >> what >> x >> z >> bits >> line >> name;
-  const std::string function = what == "colours" ? "terrainColor" : "terrainHeight", where = placeText(x, z);
+  const std::string function = what == "colours" ? "terrainColor" : what == "materials" ? "terrainMaterial" : "terrainHeight";
+  const std::string where = placeText(x, z);
   if (end->timedOut)
-    return error((what == "colours" ? "colours" : "heights") + std::string(" take too long: not done after ") +
+    return error((what == "colours" || what == "materials" ? what : "heights") + std::string(" take too long: not done after ") +
                  std::to_string(time.count()) + " s, the last at " + where);
   if (end->signal == SIGSEGV)
     return error(function + " crashes, most likely because its variables need more than the 1 MiB there is, near " + where);
   if (end->signal) return error(function + " crashes (" + strsignal(end->signal) + ") near " + where);
   if (what == "colour") return error(std::string(kTheColour) + where + " " + std::string(faultOf(std::bit_cast<float>(bits))));
+  if (what == "material") return error("the material at " + where + " " + materialFault(mostMaterial));
   if (what == "fault") {
     const float height = std::bit_cast<float>(bits);
     const std::string number = std::isfinite(height) ? ", " + text::rounded(static_cast<double>(height), 6) + " m," : "";

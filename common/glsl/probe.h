@@ -1,6 +1,6 @@
 #pragma once
 // Tries a compiled terrain before the server loads it, in a process of its own under limits of time and memory (RLIMIT_AS, RLIMIT_STACK),
-// at points near the origin and out to the lattice's end: heights, and colours as a snapshot will compute them.
+// at points near the origin and out to the lattice's end: heights, materials, and colours as a snapshot will compute them.
 
 #include <chrono>
 #include <cstdint>
@@ -18,13 +18,16 @@ namespace ridgecast::glsl {
 // What is wrong with a height, as a sentence's end ("is not a number", ...); empty: nothing.
 std::string_view faultOf(float height);
 
+// "is no number of 0 to 9", of a material.
+std::string materialFault(std::size_t most);
+
 // "x 1234.5 m, z -17 m"
 std::string placeText(lattice::Step x, lattice::Step z);
 
-// Starts `program`, whose main() calls asProbe first, to try `library`, which compile() made. Error: the first fault with its position
-// (and line, if the library is traced), a
-// crash, more than `time` of a processor, or a stop. Else advice, in the form of complaints.h, or nothing.
-Outcome<std::string> probe(std::string_view file, const std::filesystem::path& library, std::uint32_t seed,
+// Starts `program`, whose main() calls asProbe first, to try `library`, which compile() made; its materials are 0 to `mostMaterial`.
+// Error: the first fault with its position (and line, if the library is traced), a crash, more than `time` of a processor, or a stop.
+// Else advice, in the form of complaints.h, or nothing.
+Outcome<std::string> probe(std::string_view file, const std::filesystem::path& library, std::size_t mostMaterial, std::uint32_t seed,
                            const std::filesystem::path& program, const std::stop_token& stop = {},
                            std::chrono::seconds time = std::chrono::seconds(20));
 

@@ -70,6 +70,7 @@ Syntax::Syntax(const std::vector<Token>& tokens, const std::vector<TopLevel>& it
     if (item.what == TopLevel::What::kFunction) functions_.insert(item.names[0]), writes(item);
   std::vector<std::string> ask{"terrainHeight"};
   if (colours) ask.push_back("terrainColor");
+  if (functions_.contains("terrainMaterial")) ask.push_back("terrainMaterial");
   while (!ask.empty()) {
     const std::string name = std::move(ask.back());
     ask.pop_back();

@@ -29,11 +29,12 @@ class Translator : Syntax {
   Translator(std::string_view file, const std::vector<Token>& tokens, const std::vector<TopLevel>& items, bool colours)
       : Syntax(tokens, items, colours), file_(file) {
     out_.colours = colours;
+    out_.materials = wanted_.contains("terrainMaterial");
   }
 
   Outcome<Translation> run() {
-    for (const std::string name : {"terrainHeight", "terrainColor"})
-      if (const double size = inlined(name); size > kMaxInlined && (out_.colours || name == "terrainHeight"))
+    for (const std::string name : {"terrainHeight", "terrainColor", "terrainMaterial"})
+      if (const double size = wanted_.contains(name) ? inlined(name) : 0; size > kMaxInlined)
         return Error{std::string(file_) + ": with all its calls written out " + name + " would be " +
                      std::to_string(static_cast<long long>(std::min(size, 1e15))) + " words long; it calls too much: write it shorter"};
     for (const std::string& name : functions_)

@@ -1,7 +1,8 @@
 #pragma once
-// From checked GLSL to C++ that follows glsl_as_cpp.h, glsl_extras.h and prelude.glsl: the parts of the file that terrainHeight needs, and
-// terrainColor if possible (otherwise colours stay GLSL). Rewrites swizzles, `out`, arrays, literals and division. Unrolls small counted
-// loops, so that the loop over points becomes vector code. All other loops count down kMaxSteps steps a point and then end.
+// From checked GLSL to C++ that follows glsl_as_cpp.h, glsl_extras.h and prelude.glsl: the parts of the file that terrainHeight and
+// terrainMaterial need, and terrainColor if possible (otherwise colours stay GLSL). Rewrites swizzles, `out`, arrays, literals and
+// division. Unrolls small counted loops, so that the loop over points becomes vector code. All other loops count down kMaxSteps steps a
+// point and then end.
 
 #include <cstdint>
 #include <string>
@@ -19,7 +20,8 @@ struct Translation {
   std::string text;      // with #line directives that name kPersonsFile
   bool bounded = false;  // whether it has loops that count steps
   bool colours = false;  // terrainColor is there too
-  bool traced = false;   // compile so that Library::trace() can tell where a height went wrong; many times slower
+  bool materials = false;
+  bool traced = false;  // compile so that Library::trace() can tell where a height went wrong; many times slower
 };
 
 inline constexpr std::string_view kPersonsFile = "terrain.glsl";

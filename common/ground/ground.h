@@ -11,7 +11,6 @@
 
 namespace ridgecast::ground {
 
-inline constexpr std::uint32_t kDefaultSpacing = 16;  // steps: 1/16 m
 inline constexpr double kNoHit = -1;
 
 // Origin, direction and reach of a ray.
@@ -21,11 +20,6 @@ struct Ray {
   double directionX = 0, directionY = 0, directionZ = 0;  // of any length but 0
   double reach = 0;                                       // metres
 };
-
-// Unit normals (x, y, z of each place) of the plane through the heights `spacing` steps to each side, 0: kDefaultSpacing: along x and along
-// z, the slope between the two. `out` has three times the size of x and z. Positions within `spacing` of the lattice's end use the end.
-void normals(const terrain::Terrain& terrain, std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::uint32_t spacing,
-             std::span<float> out);
 
 // Metres along each ray to its first contact with the ground: 0 if it begins below ground, kNoHit if there is none within its reach or
 // before it leaves the lattice. Located to 4 mm along the ray, or to the lattice, whose places are 3.9 mm apart.

@@ -93,50 +93,19 @@ Outcome<void> readPixels(const std::string& name, RasterFile& file, const std::s
   return {};
 }
 
-Outcome<void> judgePlace(const std::string& name, const RasterHeader& picture, const RasterHeader& map) {
-  const auto code = [](const RasterHeader& header) { return "EPSG:" + std::to_string(header.epsg); };
-  if (!map.easting || map.epsg == 0)
-    return Error{name +
-                 ": a picture needs a height map that says where it lies in metres, by the EPSG number of its CRS: project the map, "
-                 "or name its CRS (gdal_translate -a_srs), as a GeoTIFF"};
-  if (!picture.easting || picture.epsg == 0)
-    return Error{name + ": it does not say where it lies in metres, by the EPSG number of its CRS: warp it to the map's (gdalwarp -t_srs " +
-                 code(map) + ")"};
-  if (picture.epsg != map.epsg)
-    return Error{name + ": it is in " + code(picture) + " and the height map in " + code(map) + ": warp it (gdalwarp -t_srs " + code(map) +
-                 ")"};
-  constexpr double kMin = 1e-3, kMax = 1e6;  // metres
-  if (!(std::min(*picture.pitch, picture.pitchDown) >= kMin && std::max(*picture.pitch, picture.pitchDown) <= kMax))
-    return Error{name + ": its pixels are " + text::rounded(*picture.pitch, 6) + " x " + text::rounded(picture.pitchDown, 6) +
-                 " m wide; that must be 0.001 m to 1,000 km: correct its pixel size (gdalwarp -tr)"};
-  const double west = *map.easting, north = *map.northing, east = west + (map.width - 1) * *map.pitch,
-               south = north - (map.height - 1) * map.pitchDown;
-  const double left = *picture.easting, top = *picture.northing;
-  if (!(left <= east && top >= south && left + (picture.width - 1) * *picture.pitch >= west &&
-        top - (picture.height - 1) * picture.pitchDown <= north))
-    return Error{name + ": it lies beside the height map: take a picture of eastings " + text::rounded(west, 9) + " to " +
-                 text::rounded(east, 9) + ", northings " + text::rounded(south, 9) + " to " + text::rounded(north, 9)};
-  return {};
-}
-
-std::uint64_t hashOf(Samples& pixels) {
-  std::uint64_t hash = 0;
-  for (std::uint32_t j = 0; j < pixels.height(); ++j)
-    for (const std::int32_t v : pixels.row(j)) hash = lattice::mix(hash ^ static_cast<std::uint32_t>(v));
-  return hash;
-}
-
 }  // namespace
 
 Outcome<Drape> Drape::read(const std::filesystem::path& path, const Samples& samples, const RasterHeader& map,
                            const terrain::RasterShape& shape, std::uint64_t inMemory, std::uint64_t most, const std::stop_token& stop) {
   expects(shape.width == samples.width() && shape.height == samples.height(), "a map has its shape");
   const bool ofHeights = isRamp(path);
-  auto file = ofHeights ? openRamp(path, samples, map) : openPicture(path, stop);
+  auto file = ofHeights ? openRamp(path, samples, map) : openLaid(path, Content::kColours, stop);
   if (!file) return file.error();
   const RasterHeader& header = (*file)->header();
   const std::string name = path.string();
-  if (auto fine = ofHeights ? Outcome<void>() : judgePlace(name, header, map); !fine) return fine.error();
+  // Of heights: by the map's samples, so that both lie together where the pitch is another than the file's.
+  const auto grid = ofHeights ? Outcome<PixelGrid>(gridOfSamples(shape)) : gridOn(shape, map, header, name, "a picture");
+  if (!grid) return grid.error();
   const auto sideAt = [](std::uint32_t side, int level) { return ((side - 1) >> level) + 1; };
   const int levels = std::bit_width(std::max(header.width, header.height) - 1) + 1;
   std::uint64_t bytes = 0;
@@ -152,28 +121,18 @@ Outcome<Drape> Drape::read(const std::filesystem::path& path, const Samples& sam
   }
   if (auto pixels = readPixels(name, **file, stop, out.levels_[0]); !pixels) return pixels.error();
   for (std::size_t level = 1; level < out.levels_.size(); ++level) halve(out.levels_[level - 1], out.levels_[level]);
-  // By the map's samples, so that both lie together where the pitch is another than the file's.
-  out.x_ = {shape.x.origin, 0, 1 / shape.x.steps()};
-  out.z_ = {shape.z.origin, 0, 1 / shape.z.steps()};
-  if (!ofHeights) {
-    out.x_.first = (*map.easting - *header.easting) / *header.pitch;
-    out.z_.first = (*header.northing - *map.northing) / header.pitchDown;
-    out.x_.perStep *= *map.pitch / *header.pitch;
-    out.z_.perStep *= map.pitchDown / header.pitchDown;
-  }
-  out.content_ = hashOf(out.levels_[0]);
-  for (const double v : {out.x_.first, out.z_.first, out.x_.perStep, out.z_.perStep})
-    out.content_ = lattice::mix(out.content_ ^ std::bit_cast<std::uint64_t>(v));
+  out.grid_ = *grid;
+  out.content_ = out.grid_.mixedInto(out.levels_[0].hash());
   out.name_ = path.filename().string();
   return out;
 }
 
 Light Drape::at(Step x, Step z, float footprint) const {
-  const double pixels = footprint * lattice::kStepsPerMetre * std::max(x_.perStep, z_.perStep);
+  const double pixels = footprint * lattice::kStepsPerMetre * std::max(grid_.x.perStep, grid_.z.perStep);
   const double level = std::clamp(std::log2(std::max(pixels, 1.0)), 0.0, static_cast<double>(levels_.size() - 1));
   const auto finer = static_cast<std::size_t>(level);
   const auto part = static_cast<float>(level - static_cast<double>(finer));
-  const double u = x_.at(x) + 0.5, v = z_.at(z) + 0.5;  // from the picture's corner
+  const double u = grid_.x.at(x) + 0.5, v = grid_.z.at(z) + 0.5;  // from the picture's corner
   Light out;
   const auto addLevel = [&](std::size_t k, float weight) {
     const double scale = std::ldexp(1.0, -static_cast<int>(k));
@@ -206,7 +165,7 @@ std::uint64_t Drape::bytes() const {
 
 std::string Drape::describe() const {
   return name_ + ", " + std::to_string(levels_[0].width()) + " x " + std::to_string(levels_[0].height()) + " pixels, " +
-         text::rounded(lattice::kMetresPerStep / x_.perStep, 6) + " m wide";
+         text::rounded(lattice::kMetresPerStep / grid_.x.perStep, 6) + " m wide";
 }
 
 }  // namespace ridgecast::raster

@@ -14,6 +14,7 @@
 
 #include "common/lattice/lattice.h"
 #include "common/outcome/outcome.h"
+#include "common/raster/pixels.h"
 #include "common/raster/raster_file.h"
 #include "common/raster/samples.h"
 #include "common/terrain/raster.h"
@@ -22,7 +23,7 @@ namespace ridgecast::raster {
 
 class Drape {
  public:
-  // Reads a picture (openPicture, or openRamp of the samples) for a map of this header and shape. A pixel takes four bytes, and the
+  // Reads a picture (openLaid, or openRamp of the samples) for a map of this header and shape. A pixel takes four bytes, and the
   // pyramid a third more; more than `inMemory` bytes go into a file. Error: the file's; another CRS than the map's, or none; it lies
   // beside the map; it takes more than `most` bytes.
   static Outcome<Drape> read(const std::filesystem::path& file, const Samples& samples, const RasterHeader& map,
@@ -43,16 +44,9 @@ class Drape {
   std::string describe() const;
 
  private:
-  // From steps to the picture, in pixels from the middle of the first.
-  struct Axis {
-    lattice::Step origin = 0;
-    double first = 0, perStep = 1;
-    double at(lattice::Step v) const { return first + static_cast<double>(v - origin) * perStep; }
-  };
-
   std::string name_;
   std::vector<Samples> levels_;  // red, green, blue and alpha from the lowest byte on, in sRGB
-  Axis x_, z_;
+  PixelGrid grid_;
   std::uint64_t content_ = 0;
 };
 

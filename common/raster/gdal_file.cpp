@@ -79,8 +79,8 @@ class GdalFile final : public RasterFile {
 
 class Reading {
  public:
-  Reading(const path& file, const RasterOptions& options, bool isPicture, Gdal tools)
-      : file_(file), name_(file.string()), options_(options), isPicture_(isPicture), tools_(std::move(tools)) {}
+  Reading(const path& file, const RasterOptions& options, Content content, Gdal tools)
+      : file_(file), name_(file.string()), options_(options), content_(content), tools_(std::move(tools)) {}
 
   Outcome<std::unique_ptr<RasterFile>> open() {
     if (auto made = mosaic(); !made) return made.error();
@@ -156,12 +156,13 @@ class Reading {
     if (colours != wanted)
       return error("it has " + std::to_string(colours) + " bands; " +
                    (isPicture_ ? "a picture has red, green and blue (gdal_translate -expand rgb makes them of a palette)"
-                               : "a height map has one (gdal_translate -b 1 takes the first)"));
+                               : std::string(content_ == Content::kHeights ? "a height map" : "a map of classes") +
+                                     " has one (gdal_translate -b 1 takes the first)"));
     const std::string type = first.value("type", ""), meaning = first.value("colorInterpretation", "");
     if (type.starts_with("C")) return error("its samples are complex numbers, not heights");
     if (isPicture_ && type != "Byte" && type != "UInt16")
       return error("its bands are of type " + type + "; a picture has 8 or 16 bits each");
-    if (!isPicture_ && meaning == "Palette") return error("its samples are colours of a palette, not heights");
+    if (content_ == Content::kHeights && meaning == "Palette") return error("its samples are colours of a palette, not heights");
     if (auto fine = checkClaim(name_, header_.width, header_.height, 1, ~std::uint64_t{0}, false); !fine) return fine;
     const double scale = first.value("scale", 1.0), offset = first.value("offset", 0.0);
     isScaled_ = !isPicture_ && (scale != 1 || offset != 0);
@@ -175,7 +176,8 @@ class Reading {
     header_.hasAlpha = isPicture_;
     header_.white = type == "UInt16" ? 65535 : 255;
     if (isPicture_) return {};
-    if (auto fine = readUnit(first.value("unit", "")); !fine) return fine;
+    if (content_ == Content::kHeights)
+      if (auto fine = readUnit(first.value("unit", "")); !fine) return fine;
     if (isScaled_) say("scale " + text::rounded(scale, 9) + ", offset " + text::rounded(offset, 9));
     if (isMasked_ && (!alpha_.empty() || !first.contains("noDataValue"))) say("mask");
     return {};
@@ -268,13 +270,13 @@ class Reading {
                                  bytes);
           !made)
         return error("GDAL cannot read its mask (" + made.error().message + ")");
-    auto own = openPlain(samples, isPicture_);
+    auto own = openPlain(samples, content_);
     if (!own) return error("GDAL's programs wrote what cannot be read (" + own.error().message + ")");
     const auto isOfSize = [&](const RasterHeader& made) { return made.width == header_.width && made.height == header_.height; };
     if (!isOfSize((*own)->header())) return error("GDAL's programs wrote a map of another size than they said");
     std::unique_ptr<RasterFile> known;
     if (isMasked_) {
-      auto opened = openPlain(mask, false);
+      auto opened = openPlain(mask, Content::kHeights);
       if (!opened) return error("GDAL's programs wrote a mask that cannot be read (" + opened.error().message + ")");
       if (!isOfSize((*opened)->header())) return error("GDAL's programs wrote a mask of another size than the map's");
       known = std::move(*opened);
@@ -292,7 +294,8 @@ class Reading {
   const path file_;
   const std::string name_;
   const RasterOptions& options_;
-  const bool isPicture_;
+  const Content content_;
+  const bool isPicture_ = content_ == Content::kColours;
   Gdal tools_;
   path source_;  // the file, or a mosaic of a folder
   path home_;    // the folder that all of it lies in
@@ -308,11 +311,11 @@ class Reading {
 }  // namespace
 
 Outcome<std::unique_ptr<RasterFile>> openByGdal(const std::filesystem::path& file, const std::string& why, const RasterOptions& options,
-                                                bool isPicture, const std::stop_token& stop) {
+                                                Content content, const std::stop_token& stop) {
   auto tools = Gdal::find(file.string() + ": " + why + ", which GDAL's programs read", stop);
   if (!tools) return tools.error();
   try {
-    return Reading(file, options, isPicture, std::move(*tools)).open();
+    return Reading(file, options, content, std::move(*tools)).open();
   } catch (const Json::exception&) {
     return Error{file.string() + ": GDAL's programs describe it in a way that is not understood"};
   }

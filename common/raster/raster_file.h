@@ -51,6 +51,9 @@ struct RasterHeader {
   double white = 255;            // the largest value
 };
 
+// What a file's values are.
+enum class Content { kHeights, kColours, kClasses };
+
 class RasterFile {
  public:
   virtual ~RasterFile() = default;
@@ -70,8 +73,9 @@ class RasterFile {
 Outcome<std::unique_ptr<RasterFile>> openRaster(const std::filesystem::path& file, const RasterOptions& options,
                                                 const std::stop_token& stop = {});
 
-// A GeoTIFF of red, green, blue and perhaps alpha, 8 or 16 bits each, or what GDAL makes of another file. Errors as of openRaster.
-Outcome<std::unique_ptr<RasterFile>> openPicture(const std::filesystem::path& file, const std::stop_token& stop = {});
+// A GeoTIFF that is laid on a map, or what GDAL makes of another file: red, green, blue and perhaps alpha, 8 or 16 bits each; or the
+// numbers of classes, with a palette or without. Errors as of openRaster.
+Outcome<std::unique_ptr<RasterFile>> openLaid(const std::filesystem::path& file, Content content, const std::stop_token& stop = {});
 
 // One of the formats, chosen by openRaster. `size` is the file's length in bytes.
 Outcome<std::unique_ptr<RasterFile>> openTiff(const std::filesystem::path& file, std::uint64_t size, const RasterOptions& options);
@@ -87,9 +91,9 @@ Outcome<std::unique_ptr<RasterFile>> openAsc(const std::filesystem::path& file, 
 // They read only the file's folder; they have no network, 10 minutes of a processor and 3 GiB of memory. Error: theirs; a mask, unit,
 // projection or number of bands that is no height map.
 Outcome<std::unique_ptr<RasterFile>> openByGdal(const std::filesystem::path& file, const std::string& why, const RasterOptions& options,
-                                                bool isPicture, const std::stop_token& stop);
+                                                Content content, const std::stop_token& stop);
 // A TIFF's samples alone, as its bands; what else it says is of no interest.
-Outcome<std::unique_ptr<RasterFile>> openPlain(const std::filesystem::path& file, bool isPicture);
+Outcome<std::unique_ptr<RasterFile>> openPlain(const std::filesystem::path& file, Content content);
 
 // A file beside this one that changes what it means, as the beginning of a sentence: a mask, GDAL's .aux.xml and, if the file itself does
 // not say where it lies, a world file or a projection. Empty: there is none.

@@ -3,7 +3,9 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <set>
 
+#include "common/terrain/materials.h"
 #include "common/terrain/raster.h"
 #include "common/terrain/terrain.h"
 #include "common/text/text.h"
@@ -83,13 +85,27 @@ Outcome<void> addRasterOption(std::string_view assignment, RasterOptions& o) {
     detail.factor = *factor;
     detail.parts = *parts;
     o.detail = detail;
+  } else if (name == "class") {
+    const auto number = text::number<std::int32_t>(text::takePart(value, ':'));
+    const auto isOwn = [](const NamedClass& n) { return std::ranges::find(terrain::kMaterials, n.material) == terrain::kMaterials.end(); };
+    if (!number || !terrain::isMaterialName(value))
+      return wrong(
+          "class is VALUE:NAME, what a value of --classes stands for, such as 10:forest: a whole number, and 1 to 32 of a-z 0-9 _ -");
+    if (std::ranges::find(o.named, *number, &NamedClass::value) != o.named.end())
+      return wrong("this value has a name already: leave one of them out");
+    o.named.push_back({*number, std::string(value)});
+    if (std::set<std::string> names; std::ranges::count_if(o.named, [&](const NamedClass& n) {
+                                       return isOwn(n) && names.insert(n.material).second;
+                                     }) > static_cast<std::ptrdiff_t>(terrain::kMaxOwnMaterials))
+      return wrong("at most " + std::to_string(terrain::kMaxOwnMaterials) + " names: give several values one name");
   } else if (name == "place" && (value == "centre" || value == "geo")) {
     o.geographic = value == "geo";
   } else {
     return wrong(
         "there is pitch=METRES, scale=NUMBER, offset=METRES, edge=clamp|mirror|repeat|METRES, missing=VALUE, nodata=METRES|fill, "
         "project=local, "
-        "place=centre|geo, detail=TERRAIN:FACTOR[:PARTS], and for raw files size=COLUMNSxROWS, order=little|big, type=unsigned|signed");
+        "place=centre|geo, detail=TERRAIN:FACTOR[:PARTS], class=VALUE:NAME, and for raw files size=COLUMNSxROWS, order=little|big, "
+        "type=unsigned|signed");
   }
   return {};
 }

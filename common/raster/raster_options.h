@@ -1,11 +1,12 @@
 #pragma once
-// A user's settings for a height map: --raster NAME=VALUE, --drape FILE.
+// A user's settings for a height map: --raster NAME=VALUE, --drape FILE, --classes FILE.
 
 #include <cstdint>
 #include <filesystem>
 #include <optional>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "common/outcome/outcome.h"
 
@@ -20,6 +21,13 @@ struct Detail {
   double factor = 0;        // of its heights
   std::uint32_t parts = 0;  // samples in the place of one, along each axis; 0: at most 8
   friend bool operator==(const Detail&, const Detail&) = default;
+};
+
+// What a value of a map of classes stands for.
+struct NamedClass {
+  std::int32_t value = 0;
+  std::string material;  // terrain::isMaterialName
+  friend bool operator==(const NamedClass&, const NamedClass&) = default;
 };
 
 struct RasterOptions {
@@ -37,6 +45,8 @@ struct RasterOptions {
   bool geographic = false;              // place=centre|geo: the map's middle at x 0, z 0, or easting at x and northing at -z
   std::optional<Detail> detail;         // detail=TERRAIN:FACTOR[:PARTS]
   std::filesystem::path drape;          // a picture on it, --drape FILE (drape.h); empty: none
+  std::filesystem::path classes;        // of what the ground is made, --classes FILE (classes.h); empty: not said
+  std::vector<NamedClass> named;        // class=VALUE:NAME of these
   friend bool operator==(const RasterOptions&, const RasterOptions&) = default;
 };
 

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "common/outcome/contract.h"
+#include "common/raster/classes.h"
 #include "common/raster/degrees.h"
 #include "common/raster/detail.h"
 #include "common/raster/drape.h"
@@ -27,6 +28,13 @@ using terrain::kTileSide;
 
 std::string inMegabytes(std::uint64_t bytes) { return std::to_string((bytes + 999'999) / 1'000'000) + " MB"; }
 
+// What lies on a map.
+struct Laid {
+  std::optional<Drape> drape;
+  std::optional<Classes> classes;
+  std::uint64_t bytes() const { return (drape ? drape->bytes() : 0) + (classes ? classes->bytes() : 0); }
+};
+
 // What terrains of one file with the same options share.
 struct Map {
   Samples samples;
@@ -35,9 +43,9 @@ struct Map {
   Edge edge;
   std::int32_t constant;
   terrain::RasterOrigin origin;
-  std::optional<Drape> drape;
+  Laid laid;
   std::vector<std::filesystem::path> sources;  // RasterHeader
-  std::uint64_t bytes() const { return samples.bytes() + ranges.bytes() + (drape ? drape->bytes() : 0); }
+  std::uint64_t bytes() const { return samples.bytes() + ranges.bytes() + laid.bytes(); }
 };
 
 class RasterTerrain final : public terrain::Terrain, public terrain::Raster {
@@ -49,16 +57,24 @@ class RasterTerrain final : public terrain::Terrain, public terrain::Raster {
   std::uint32_t seed() const override { return seed_; }
   const terrain::Raster* raster() const override { return this; }
   terrain::Colours colours() const override {
-    if (!map_->drape) return terrain::rasterColours(shape_);
+    if (!map_->laid.drape) return terrain::rasterColours(shape_);
     return [map = map_, own = terrain::rasterColours(shape_)](const Step* x, const Step* z, const float* height,
                                                               const std::array<float, 3>* normal, float footprint,
                                                               std::array<float, 3>* out, std::size_t count, std::uint32_t seed) {
       own(x, z, height, normal, footprint, out, count, seed);
       for (std::size_t k = 0; k < count; ++k) {
-        const Drape::Light light = map->drape->at(x[k], z[k], footprint);
+        const Drape::Light light = map->laid.drape->at(x[k], z[k], footprint);
         for (std::size_t c = 0; c < 3; ++c) out[k][c] = out[k][c] * (1 - light.alpha) + light.colour[c];
       }
     };
+  }
+  std::span<const std::string> ownMaterials() const override {
+    return map_->laid.classes ? std::span<const std::string>(map_->laid.classes->ownMaterials()) : std::span<const std::string>();
+  }
+  void materials(std::span<const Step> x, std::span<const Step> z, std::span<std::uint8_t> out) const override {
+    if (!map_->laid.classes) return Terrain::materials(x, z, out);
+    expects(x.size() == out.size() && z.size() == out.size(), "each place has its material");
+    for (std::size_t k = 0; k < out.size(); ++k) out[k] = map_->laid.classes->at(x[k], z[k]);
   }
   const terrain::RasterShape& shape() const override { return shape_; }
   terrain::RasterOrigin origin() const override { return map_->origin; }
@@ -111,7 +127,7 @@ class RasterTerrain final : public terrain::Terrain, public terrain::Raster {
     samples(address.i * kTileSide, address.j * kTileSide, kTileSide, kTileSide, out.data());
   }
   std::vector<std::uint8_t> tileColours(terrain::TileAddress address) const override {
-    return map_->drape ? map_->drape->tile(shape_, address) : std::vector<std::uint8_t>();
+    return map_->laid.drape ? map_->laid.drape->tile(shape_, address) : std::vector<std::uint8_t>();
   }
   void samples(std::int64_t x, std::int64_t z, std::int32_t columns, std::int32_t rows, std::int32_t* out) const override {
     const Samples& held = map_->samples;
@@ -256,14 +272,14 @@ terrain::RasterOrigin originOf(const RasterHeader& header, const RasterOptions& 
 // `crs`: empty: the header's. `taken`: bytes in use.
 Outcome<std::shared_ptr<const Map>> finished(const std::string& name, Samples samples, terrain::RasterShape shape,
                                              const RasterHeader& header, const std::string& crs, const RasterOptions& options,
-                                             const MapLimits& limits, std::uint64_t taken, std::optional<Drape> drape = {}) {
+                                             const MapLimits& limits, std::uint64_t taken, Laid laid) {
   if (options.detail) {
     auto detailed = withDetail(name, samples, shape, options, limits.inMemory - std::min(taken, limits.inMemory),
                                limits.total - std::min(taken, limits.total));
     if (!detailed) return detailed.error();
     RasterOptions done = options;
     done.detail.reset();
-    return finished(name, std::move(detailed->samples), detailed->shape, header, crs, done, limits, taken, std::move(drape));
+    return finished(name, std::move(detailed->samples), detailed->shape, header, crs, done, limits, taken, std::move(laid));
   }
   terrain::RasterOrigin origin = originOf(header, options, shape);
   if (!crs.empty()) origin.crs = crs;
@@ -274,14 +290,18 @@ Outcome<std::shared_ptr<const Map>> finished(const std::string& name, Samples sa
   shape.highest = isConstant ? std::max(found.highest, constant) : found.highest;
   shape.content =
       lattice::mix(found.hash ^ lattice::mix(static_cast<std::uint64_t>(options.edge) + 4 * static_cast<std::uint64_t>(constant)));
-  shape.draped = drape.has_value();
-  if (drape) {
-    shape.content = lattice::mix(shape.content ^ drape->content());
-    origin.drape = drape->describe();
+  shape.draped = laid.drape.has_value();
+  if (laid.drape) {
+    shape.content = lattice::mix(shape.content ^ laid.drape->content());
+    origin.drape = laid.drape->describe();
+  }
+  if (laid.classes) {
+    shape.content = lattice::mix(shape.content ^ laid.classes->content());
+    origin.classes = laid.classes->describe();
   }
   Ranges ranges(samples);
   return std::shared_ptr<const Map>(std::make_shared<Map>(
-      Map{std::move(samples), std::move(ranges), shape, options.edge, constant, std::move(origin), std::move(drape), header.sources}));
+      Map{std::move(samples), std::move(ranges), shape, options.edge, constant, std::move(origin), std::move(laid), header.sources}));
 }
 
 // To what the start line says of how a map was read.
@@ -297,6 +317,8 @@ Outcome<std::shared_ptr<const Map>> read(const std::filesystem::path& path, cons
   if (!file) return file.error();
   RasterHeader header = (*file)->header();
   const std::string name = path.string();
+  if (options.classes.empty() && !options.named.empty())
+    return Error{name + ": --raster class= says what values of --classes FILE stand for: give that file, or leave it out"};
   if (options.project && !header.degrees)
     return Error{name + ": --raster project=local is for maps in degrees, and this one does not say that it is: leave it out"};
   auto shape = shapeOf(name, header, options);
@@ -315,12 +337,21 @@ Outcome<std::shared_ptr<const Map>> read(const std::filesystem::path& path, cons
   if (auto replaced = replace(name, *missing, options, *samples); !replaced) return replaced.error();
   const std::uint64_t taken = used + bytes;
   const auto finish = [&](Samples all, const std::string& crs, std::uint64_t before) -> Outcome<std::shared_ptr<const Map>> {
-    if (options.drape.empty()) return finished(name, std::move(all), *shape, header, crs, options, limits, before);
-    auto picture =
-        Drape::read(options.drape, all, header, *shape, limits.inMemory - std::min(before, limits.inMemory), limits.total - before, stop);
-    if (!picture) return picture.error();
-    const std::uint64_t with = before + picture->bytes();
-    return finished(name, std::move(all), *shape, header, crs, options, limits, with, std::move(*picture));
+    Laid laid;
+    const auto inMemory = [&] { return limits.inMemory - std::min(before + laid.bytes(), limits.inMemory); };
+    const auto most = [&] { return limits.total - before - laid.bytes(); };
+    if (!options.drape.empty()) {
+      auto picture = Drape::read(options.drape, all, header, *shape, inMemory(), most(), stop);
+      if (!picture) return picture.error();
+      laid.drape = std::move(*picture);
+    }
+    if (!options.classes.empty()) {
+      auto classes = Classes::read(options, header, *shape, inMemory(), most(), stop);
+      if (!classes) return classes.error();
+      laid.classes.emplace(std::move(*classes));
+    }
+    const std::uint64_t with = before + laid.bytes();
+    return finished(name, std::move(all), *shape, header, crs, options, limits, with, std::move(laid));
   };
   if (!options.project) return finish(std::move(*samples), {}, taken);
 
@@ -350,7 +381,7 @@ class Maps {
  public:
   Outcome<std::shared_ptr<const Map>> open(const std::filesystem::path& path, const RasterOptions& options, const MapLimits& limits,
                                            const std::stop_token& stop) {
-    const Key key{path, options, versionOf(path), options.drape.empty() ? Version() : versionOf(options.drape)};
+    const Key key{path, options, versionOf(path), versionOf(options.drape), versionOf(options.classes)};
     const std::lock_guard lock(mutex_);
     std::uint64_t used = 0;
     for (const Entry& entry : inUse()) {
@@ -382,7 +413,7 @@ class Maps {
   struct Key {
     std::filesystem::path path;
     RasterOptions options;
-    Version version, drape;
+    Version version, drape, classes;
     friend bool operator==(const Key&, const Key&) = default;
   };
   struct Entry {
@@ -462,6 +493,7 @@ std::string describe(const terrain::Raster& map) {
     out += ", middle at easting " + text::rounded(*origin.easting, 12) + ", northing " + text::rounded(*origin.northing, 12);
   out += ", edge " + origin.edge;
   if (!origin.drape.empty()) out += ", draped with " + origin.drape;
+  if (!origin.classes.empty()) out += ", classes of " + origin.classes;
   return origin.read.empty() ? out : out + "; " + origin.read;
 }
 

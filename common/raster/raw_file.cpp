@@ -107,20 +107,21 @@ Outcome<std::unique_ptr<RasterFile>> openHgt(const std::filesystem::path& file, 
 Outcome<std::unique_ptr<RasterFile>> openRaster(const std::filesystem::path& file, const RasterOptions& options,
                                                 const std::stop_token& stop) {
   std::error_code failed;
-  if (std::filesystem::is_directory(file, failed)) return openByGdal(file, "it is a folder of maps", options, false, stop);
+  if (std::filesystem::is_directory(file, failed)) return openByGdal(file, "it is a folder of maps", options, Content::kHeights, stop);
   if (!std::filesystem::is_regular_file(file, failed) || failed) return Error{"there is no file " + file.string()};
   const std::uint64_t size = std::filesystem::file_size(file, failed);
   if (failed || !std::ifstream(file)) return Error{"cannot read " + file.string()};
   const std::string ending = text::lower(file.extension().string());
-  Outcome<std::unique_ptr<RasterFile>> own = ending == ".tif" || ending == ".tiff" ? openTiff(file, size, options)
-                                             : ending == ".asc"                    ? openAsc(file, size, options)
-                                             : ending == ".hgt"                    ? openHgt(file, size, options)
-                                             : ending == ".png"                    ? openPng(file, size)
-                                             : ending == ".r16" || ending == ".raw"
-                                                 ? openRaw(file, size, options)
-                                                 : openByGdal(file, "it is no TIFF, PNG, ASCII grid or raw file", options, false, stop);
+  Outcome<std::unique_ptr<RasterFile>> own =
+      ending == ".tif" || ending == ".tiff" ? openTiff(file, size, options)
+      : ending == ".asc"                    ? openAsc(file, size, options)
+      : ending == ".hgt"                    ? openHgt(file, size, options)
+      : ending == ".png"                    ? openPng(file, size)
+      : ending == ".r16" || ending == ".raw"
+          ? openRaw(file, size, options)
+          : openByGdal(file, "it is no TIFF, PNG, ASCII grid or raw file", options, Content::kHeights, stop);
   if (!own || (*own)->header().unread.empty()) return own;
-  return openByGdal(file, (*own)->header().unread, options, false, stop);
+  return openByGdal(file, (*own)->header().unread, options, Content::kHeights, stop);
 }
 
 std::string besideIt(const std::filesystem::path& file, bool isPlaced) {

@@ -97,6 +97,12 @@ class Filling {
 
 }  // namespace
 
+std::uint64_t Samples::hash() const {
+  std::uint64_t hash = 0;
+  for (const std::int32_t v : std::span(data_, std::size_t{width_} * height_)) hash = lattice::mix(hash ^ static_cast<std::uint32_t>(v));
+  return hash;
+}
+
 bool fillMissing(Samples& samples) {
   // After the first pass a row that had a known sample has no missing one; so the second finds one in every column.
   return Filling(samples).pass() || Filling(samples).pass();

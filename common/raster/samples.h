@@ -30,6 +30,7 @@ class Samples {
   }
   std::uint32_t width() const { return width_; }
   std::uint32_t height() const { return height_; }
+  std::uint64_t hash() const;
   std::uint64_t bytes() const { return std::uint64_t{width_} * height_ * sizeof(std::int32_t); }
 
  private:

@@ -74,7 +74,7 @@ void setUpLibrary() {
 class TiffFile final : public RasterFile {
  public:
   // Plain: samples alone.
-  TiffFile(std::string name, bool isPicture, bool isPlain) : name_(std::move(name)), isPicture_(isPicture), isPlain_(isPlain) {}
+  TiffFile(std::string name, Content content, bool isPlain) : name_(std::move(name)), content_(content), isPlain_(isPlain) {}
   ~TiffFile() override {
     if (tiff_) TIFFClose(tiff_);
   }
@@ -101,7 +101,7 @@ class TiffFile final : public RasterFile {
     bytes_ = bits / 8u;
     pixelBytes_ = std::size_t{bytes_} * header_.bands;
     if (!header_.unread.empty()) return {};
-    if (auto fine = isPicture_ ? checkPixels(bits, packing) : checkSamples(bits, format); !fine) return fine;
+    if (auto fine = content_ == Content::kColours ? checkPixels(bits, packing) : checkSamples(bits, format); !fine) return fine;
     if (!header_.unread.empty()) return {};
     if (auto fine = checkClaim(name_, header_.width, header_.height, pixelBytes_, size, packing != COMPRESSION_NONE); !fine) return fine;
     if (auto fine = checkPieces(size); !fine) return fine;
@@ -109,9 +109,9 @@ class TiffFile final : public RasterFile {
     if (isPlain_) return {};
     readNoData();
     if (header_.unread.empty()) header_.unread = besideIt(name_, isPlaced());
-    if (header_.unread.empty() && !isPicture_ && options.scale == 1) header_.unread = saidByGdal();
+    if (header_.unread.empty() && content_ == Content::kHeights && options.scale == 1) header_.unread = saidByGdal();
     if (!header_.unread.empty()) return {};
-    return isPicture_ ? readPicturePlace() : readPlace(options);
+    return content_ == Content::kHeights ? readPlace(options) : readLaidPlace();
   }
 
   Outcome<void> read(std::span<double> out) override {
@@ -179,8 +179,9 @@ class TiffFile final : public RasterFile {
     if (header_.bands == 2 && extras == 1 && extra[0] != EXTRASAMPLE_UNSPECIFIED && header_.unread.empty())
       header_.unread = "it has a mask (alpha)";
     if (header_.bands != 1 && header_.unread.empty())
-      return Error{name_ + ": it has " + std::to_string(header_.bands) +
-                   " bands; a height map has one (gdal_translate -b 1 takes the first)"};
+      return Error{name_ + ": it has " + std::to_string(header_.bands) + " bands; " +
+                   (content_ == Content::kHeights ? "a height map" : "a map of classes") +
+                   " has one (gdal_translate -b 1 takes the first)"};
     const bool isFloat = format == SAMPLEFORMAT_IEEEFP && (bits == 32 || bits == 64);
     const bool isInteger = (format == SAMPLEFORMAT_UINT || format == SAMPLEFORMAT_INT || format == SAMPLEFORMAT_VOID) &&
                            (bits == 8 || bits == 16 || bits == 32);
@@ -382,7 +383,7 @@ class TiffFile final : public RasterFile {
     }
     if (!tie.empty() && !options.pitch)
       return Error{name_ + ": it says where points of it lie, but not how far apart its samples are: warp it (gdalwarp)" +
-                   (isPicture_ ? "" : ", or say --raster pitch=METRES")};
+                   (content_ == Content::kHeights ? ", or say --raster pitch=METRES" : "")};
     return std::optional<Grid>();
   }
 
@@ -392,8 +393,8 @@ class TiffFile final : public RasterFile {
     header_.northing = (grid.y - half * grid.down) * unit;
   }
 
-  // Whether it lies where the map does is judged by whoever drapes it.
-  Outcome<void> readPicturePlace() {
+  // Whether it lies where the map does is judged by pixels.h.
+  Outcome<void> readLaidPlace() {
     const Keys keys = readKeys();
     const auto grid = readGrid({});
     if (!grid) return grid.error();
@@ -451,7 +452,8 @@ class TiffFile final : public RasterFile {
   }
 
   std::string name_;
-  bool isPicture_, isPlain_;
+  const Content content_;
+  const bool isPlain_;
   TIFF* tiff_ = nullptr;
   RasterHeader header_;
   Kind kind_ = Kind::kUnsigned;
@@ -463,25 +465,25 @@ class TiffFile final : public RasterFile {
 }  // namespace
 
 Outcome<std::unique_ptr<RasterFile>> openTiff(const std::filesystem::path& file, std::uint64_t size, const RasterOptions& options) {
-  auto tiff = std::make_unique<TiffFile>(file.string(), false, false);
+  auto tiff = std::make_unique<TiffFile>(file.string(), Content::kHeights, false);
   if (auto opened = tiff->open(size, options); !opened) return opened.error();
   return std::unique_ptr<RasterFile>(std::move(tiff));
 }
 
-Outcome<std::unique_ptr<RasterFile>> openPicture(const std::filesystem::path& file, const std::stop_token& stop) {
+Outcome<std::unique_ptr<RasterFile>> openLaid(const std::filesystem::path& file, Content content, const std::stop_token& stop) {
   std::error_code failed;
   if (!std::filesystem::is_regular_file(file, failed) || failed) return Error{"there is no file " + file.string()};
   if (const std::string ending = text::lower(file.extension().string()); ending != ".tif" && ending != ".tiff")
-    return openByGdal(file, "it is no TIFF", {}, true, stop);
-  auto tiff = std::make_unique<TiffFile>(file.string(), true, false);
+    return openByGdal(file, "it is no TIFF", {}, content, stop);
+  auto tiff = std::make_unique<TiffFile>(file.string(), content, false);
   if (auto opened = tiff->open(std::filesystem::file_size(file, failed), {}); !opened) return opened.error();
-  if (const std::string& unread = tiff->header().unread; !unread.empty()) return openByGdal(file, unread, {}, true, stop);
+  if (const std::string& unread = tiff->header().unread; !unread.empty()) return openByGdal(file, unread, {}, content, stop);
   return std::unique_ptr<RasterFile>(std::move(tiff));
 }
 
-Outcome<std::unique_ptr<RasterFile>> openPlain(const std::filesystem::path& file, bool isPicture) {
+Outcome<std::unique_ptr<RasterFile>> openPlain(const std::filesystem::path& file, Content content) {
   std::error_code failed;
-  auto tiff = std::make_unique<TiffFile>(file.string(), isPicture, true);
+  auto tiff = std::make_unique<TiffFile>(file.string(), content, true);
   if (auto opened = tiff->open(std::filesystem::file_size(file, failed), {}); !opened) return opened.error();
   return std::unique_ptr<RasterFile>(std::move(tiff));
 }

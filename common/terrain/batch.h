@@ -55,6 +55,16 @@ void heights(const __INT64_TYPE__* x, const __INT64_TYPE__* z, float* out, __SIZ
   }
 }
 
+#if defined(RIDGECAST_COLOURS) || defined(RIDGECAST_MATERIALS)
+static ivec2 cellOf(__INT64_TYPE__ x, __INT64_TYPE__ z) {
+  return ivec2(static_cast<int>(x >> kCellBits), static_cast<int>(z >> kCellBits));
+}
+static vec2 fractionOf(__INT64_TYPE__ x, __INT64_TYPE__ z) {
+  return vec2(static_cast<float>(static_cast<int>(static_cast<uint>(x) & kInCell)) * kStepOfCell,
+              static_cast<float>(static_cast<int>(static_cast<uint>(z) & kInCell)) * kStepOfCell);
+}
+#endif
+
 #ifdef RIDGECAST_COLOURS
 // normal and out: three floats a point.
 void colours(const __INT64_TYPE__* x, const __INT64_TYPE__* z, const float* height, const float* normal, float footprint, float* out,
@@ -63,13 +73,26 @@ void colours(const __INT64_TYPE__* x, const __INT64_TYPE__* z, const float* heig
 #ifdef RIDGECAST_STEPS_LEFT
     RIDGECAST_STEPS_LEFT = kMaxSteps;
 #endif
-    const vec3 c = terrainColor(ivec2(static_cast<int>(x[i] >> kCellBits), static_cast<int>(z[i] >> kCellBits)),
-                                vec2(static_cast<float>(static_cast<int>(static_cast<uint>(x[i]) & kInCell)) * kStepOfCell,
-                                     static_cast<float>(static_cast<int>(static_cast<uint>(z[i]) & kInCell)) * kStepOfCell),
-                                height[i], vec3(normal[3 * i], normal[3 * i + 1], normal[3 * i + 2]), footprint, seed);
+    const vec3 c = terrainColor(cellOf(x[i], z[i]), fractionOf(x[i], z[i]), height[i],
+                                vec3(normal[3 * i], normal[3 * i + 1], normal[3 * i + 2]), footprint, seed);
     out[3 * i] = c.x;
     out[3 * i + 1] = c.y;
     out[3 * i + 2] = c.z;
+  }
+}
+#endif
+
+#ifdef RIDGECAST_MATERIALS
+// normal: three floats a point. What is no material's number becomes 255.
+void materials(const __INT64_TYPE__* x, const __INT64_TYPE__* z, const float* height, const float* normal, unsigned char* out,
+               __SIZE_TYPE__ count, uint seed) {
+  for (__SIZE_TYPE__ i = 0; i < count; ++i) {
+#ifdef RIDGECAST_STEPS_LEFT
+    RIDGECAST_STEPS_LEFT = kMaxSteps;
+#endif
+    const int m = terrainMaterial(cellOf(x[i], z[i]), fractionOf(x[i], z[i]), height[i],
+                                  vec3(normal[3 * i], normal[3 * i + 1], normal[3 * i + 2]), seed);
+    out[i] = static_cast<unsigned char>(m >= 0 && m < 255 ? m : 255);
   }
 }
 #endif

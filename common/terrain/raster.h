@@ -73,7 +73,7 @@ struct RasterShape {
   RasterAxis x = {}, z = {};
   std::uint32_t width = 0, height = 0;   // samples of the map itself, along x and z, at least 2
   std::int32_t lowest = 0, highest = 0;  // of all samples with the continuation; within +-kMaxSample, lowest <= highest
-  std::uint64_t content = 0;             // equal for equal samples, continuation and picture on them
+  std::uint64_t content = 0;             // equal for equal samples, continuation, picture and materials on them
   bool draped = false;                   // a picture lies on it
   double finest() const { return std::min(x.steps(), z.steps()); }
   lattice::Area area() const { return {x.origin, z.origin, x.of(width - 1), z.of(height - 1)}; }  // of the map itself
@@ -95,7 +95,7 @@ struct RasterOrigin {
   std::string edge;                         // clamp, mirror, repeat or metres
   std::string crs;                          // of the file, such as EPSG:32632
   std::optional<double> easting, northing;  // of the map's middle, metres
-  std::string drape;                        // the picture on it; empty: none
+  std::string drape, classes;               // the picture and the materials on it; empty: none
   std::string read;                         // how the file was read, where that is not plain
 };
 

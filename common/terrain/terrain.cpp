@@ -21,6 +21,9 @@ const std::array<Description, kBuiltIns> kBuiltIn = {
      {"canyon", "a plateau of layered rock, cut into mesas, terraces and gorges", embedded::canyon, 1, 0, 1300},
      {"archipelago", "wooded islands with hills, dunes and beaches in a shallow sea", embedded::archipelago, 1, 0, 2600}}};
 
+// As each terrain's _material.glsl numbers them.
+const std::array<std::vector<std::string>, kBuiltIns> kOwnMaterials = {{{"water", "wood"}, {"water", "scrub"}, {"water", "wood", "heath"}}};
+
 std::vector<Variant> usableVariants() {
   std::vector<Variant> usable{baselineVariant()};
 #ifdef RIDGECAST_TERRAIN_X86
@@ -54,6 +57,10 @@ class BuiltIn final : public Terrain {
     expects(x.size() == out.size() && z.size() == out.size(), "each place has its height");
     functions_.heights(x.data(), z.data(), out.data(), out.size(), seed_, orNull(parameters_.values));
   }
+  std::span<const std::string> ownMaterials() const override { return kOwnMaterials[index_]; }
+  void materials(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<std::uint8_t> out) const override {
+    materialsBy([&](auto... places) { functions_.materials(places..., seed_, orNull(parameters_.values)); }, *this, x, z, out);
+  }
 
  private:
   static const float* orNull(const std::vector<float>& values) { return values.empty() ? nullptr : values.data(); }
@@ -83,6 +90,43 @@ Kept& Terrain::kept(std::unique_ptr<Kept> (*make)(const Terrain&)) const {
   std::unique_ptr<Kept> made = make(*this);
   if (kept_.compare_exchange_strong(there, made.get(), std::memory_order_acq_rel)) return *made.release();
   return *there;  // another thread was first
+}
+
+void normals(const Terrain& terrain, std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::uint32_t spacing,
+             std::span<float> out) {
+  expects(z.size() == x.size() && out.size() == 3 * x.size(), "each place has its normal");
+  constexpr std::size_t kBatch = 64;  // 256 heights a call
+  const lattice::Step s = spacing == 0 ? kDefaultSpacing : spacing;
+  std::array<lattice::Step, 4 * kBatch> sampleX, sampleZ;
+  std::array<float, 4 * kBatch> height;
+  const auto within = [](lattice::Step v) { return std::clamp(v, -lattice::kMaxPosition, lattice::kMaxPosition); };
+  for (std::size_t begin = 0; begin < x.size(); begin += kBatch) {
+    const std::size_t n = std::min(kBatch, x.size() - begin);
+    for (std::size_t k = 0; k < n; ++k) {
+      const lattice::Step atX = x[begin + k], atZ = z[begin + k];
+      sampleX[k] = within(atX - s), sampleZ[k] = atZ;
+      sampleX[n + k] = within(atX + s), sampleZ[n + k] = atZ;
+      sampleX[2 * n + k] = atX, sampleZ[2 * n + k] = within(atZ - s);
+      sampleX[3 * n + k] = atX, sampleZ[3 * n + k] = within(atZ + s);
+    }
+    terrain.heights(std::span(sampleX).first(4 * n), std::span(sampleZ).first(4 * n), std::span(height).first(4 * n));
+    for (std::size_t k = 0; k < n; ++k) {
+      const double acrossX = static_cast<double>(sampleX[n + k] - sampleX[k]) * lattice::kMetresPerStep;
+      const double acrossZ = static_cast<double>(sampleZ[3 * n + k] - sampleZ[2 * n + k]) * lattice::kMetresPerStep;
+      const double slopeX = (static_cast<double>(height[n + k]) - height[k]) / acrossX;
+      const double slopeZ = (static_cast<double>(height[3 * n + k]) - height[2 * n + k]) / acrossZ;
+      const double length = std::sqrt(slopeX * slopeX + 1.0 + slopeZ * slopeZ);
+      float* normal = &out[3 * (begin + k)];
+      normal[0] = static_cast<float>(-slopeX / length);
+      normal[1] = static_cast<float>(1.0 / length);
+      normal[2] = static_cast<float>(-slopeZ / length);
+    }
+  }
+}
+
+void Terrain::materials(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<std::uint8_t> out) const {
+  expects(x.size() == out.size() && z.size() == out.size(), "each place has its material");
+  std::ranges::fill(out, std::uint8_t{0});
 }
 
 void Terrain::heightSteps(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<std::int32_t> out) const {

@@ -8,6 +8,8 @@
 //       one sample stands for: detail finer than it fades out. Geometry always uses footprint 0; only shading filters.
 //   vec3  terrainColor(ivec2 cell, vec2 fraction, float height, vec3 normal, float footprint, uint seed)
 //       linear RGB albedo, 0..1.
+//   int   terrainMaterial(ivec2 cell, vec2 fraction, float height, vec3 normal, uint seed)
+//       what the ground is made of (materials.h); absent: it is not said.
 // Heights are bit for bit the same from every code path and, without fused multiply-add, from the graphics driver.
 
 #include <array>
@@ -66,6 +68,7 @@ class Terrain {
   virtual Colours colours() const { return {}; }             // empty: not available in C++ (some users' files)
   virtual Relief relief() const { return {}; }               // without edits
   virtual const Terrain& unedited() const { return *this; }  // the same without edits; lives as long
+  virtual std::span<const std::string> ownMaterials() const { return {}; }  // names, at most kMaxOwnMaterials
 
   // What common/ground keeps here, made at the first call.
   Kept& kept(std::unique_ptr<Kept> (*make)(const Terrain&)) const;
@@ -73,7 +76,10 @@ class Terrain {
   // Heights in metres at points of the lattice, as the terrain function returns them. x, z, out have the same size.
   virtual void heights(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<float> out) const = 0;
 
-  // The same, by toSteps().
+  // What the ground is made of at points of the lattice (materials.h). x, z, out have the same size.
+  virtual void materials(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<std::uint8_t> out) const;
+
+  // The heights by toSteps().
   void heightSteps(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<std::int32_t> out) const;
   std::int32_t heightStep(lattice::Point p) const;
   double height(lattice::Point p) const;  // metres, of heightStep
@@ -116,6 +122,12 @@ std::string edited();
 // after the file.
 std::string_view glslAsCpp();
 std::string_view batch();
+
+inline constexpr std::uint32_t kDefaultSpacing = 16;  // steps: 1/16 m
+// Unit normals (x, y, z of each place) of the plane through the heights `spacing` steps to each side, 0: kDefaultSpacing: along x and along
+// z, the slope between the two. `out` has three times the size of x and z. Positions within `spacing` of the lattice's end use the end.
+void normals(const Terrain& terrain, std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::uint32_t spacing,
+             std::span<float> out);
 
 // Curvature at points: the height function convolved with a 3 x 3 Laplacian of Gaussian (sigma 1, zero sum, normalised to unit absolute
 // sum; Lee et al.), with samples `spacing` steps apart. Metres, absolute value.

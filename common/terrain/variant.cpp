@@ -11,6 +11,7 @@ namespace {
 #pragma GCC diagnostic ignored "-Wunused-function"  // noise that no terrain calls
 
 #define RIDGECAST_COLOURS
+#define RIDGECAST_MATERIALS
 #include "common/terrain/glsl_as_cpp.h"
 #include "common/terrain/prelude.glsl"
 
@@ -18,15 +19,28 @@ namespace {
 // their values.
 struct Alpine {
 #include "common/terrain/alpine.glsl"
+
+#include "common/terrain/materials.glsl"
+
+#include "common/terrain/alpine_material.glsl"
+
 #include "common/terrain/batch.h"
 };
 struct Canyon {
 #include "common/terrain/canyon.glsl"
 
+#include "common/terrain/materials.glsl"
+
+#include "common/terrain/canyon_material.glsl"
+
 #include "common/terrain/batch.h"
 };
 struct Archipelago {
 #include "common/terrain/archipelago.glsl"
+
+#include "common/terrain/materials.glsl"
+
+#include "common/terrain/archipelago_material.glsl"
 
 #include "common/terrain/batch.h"
 };
@@ -59,6 +73,11 @@ void colours(const lattice::Step* x, const lattice::Step* z, const float* height
              std::size_t count, std::uint32_t seed, const float* parameters) {
   kMake(parameters).colours(x, z, height, normal, footprint, out, count, seed);
 }
+template <auto kMake>
+void materials(const lattice::Step* x, const lattice::Step* z, const float* height, const float* normal, std::uint8_t* out,
+               std::size_t count, std::uint32_t seed, const float* parameters) {
+  kMake(parameters).materials(x, z, height, normal, out, count, seed);
+}
 void betweenSamples(const CubicPlaces& places, int count, float inverseX, float inverseZ, float* out) {
   Cubic().heights(places, count, inverseX, inverseZ, out);
 }
@@ -86,7 +105,9 @@ Extent placesExtent(const lattice::Step* __restrict x, const lattice::Step* __re
 Variant RIDGECAST_JOIN(RIDGECAST_VARIANT, Variant)() {
   using namespace RIDGECAST_VARIANT;
   return {{RIDGECAST_TEXT(RIDGECAST_VARIANT), sizeof(RIDGECAST_TEXT(RIDGECAST_VARIANT)) - 1},
-          {{{&heights<alpine>, &colours<alpine>}, {&heights<canyon>, &colours<canyon>}, {&heights<archipelago>, &colours<archipelago>}}},
+          {{{&heights<alpine>, &colours<alpine>, &materials<alpine>},
+            {&heights<canyon>, &colours<canyon>, &materials<canyon>},
+            {&heights<archipelago>, &colours<archipelago>, &materials<archipelago>}}},
           &betweenSamples,
           &placesExtent};
 }

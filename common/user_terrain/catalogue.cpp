@@ -102,7 +102,8 @@ Outcome<raster::RasterOptions> optionsOf(const std::filesystem::path& map, const
   std::error_code failed;
   if (!std::filesystem::exists(file, failed)) return asked;
   if (asked != raster::RasterOptions())
-    return Error{file.string() + " says how " + map.filename().string() + " is read: add a line to it, and leave --raster and --drape out"};
+    return Error{file.string() + " says how " + map.filename().string() +
+                 " is read: add a line to it, and leave --raster, --drape and --classes out"};
   const auto text = readText(file);
   if (!text) return text.error();
   raster::RasterOptions options;
@@ -112,6 +113,8 @@ Outcome<raster::RasterOptions> optionsOf(const std::filesystem::path& map, const
     if (assignment.empty() || assignment.front() == '#') continue;
     if (assignment.starts_with("drape=")) {
       options.drape = map.parent_path() / assignment.substr(6);
+    } else if (assignment.starts_with("classes=")) {
+      options.classes = map.parent_path() / assignment.substr(8);
     } else if (auto added = raster::addRasterOption(assignment, options); !added) {
       return Error{glsl::at(file.string(), line) + added.error().message};
     }
@@ -146,7 +149,8 @@ Outcome<std::shared_ptr<const terrain::Terrain>> load(const Request& request, gl
   if (!file) return file.error();
   const bool isMap = !file->empty() && !isGlsl(*file);
   if (request.raster != raster::RasterOptions() && !isMap)
-    return Error{"--raster and --drape are for height maps; terrain \"" + request.terrain.substr(0, 64) + "\" takes --param NAME=NUMBER"};
+    return Error{"--raster, --drape and --classes are for height maps; terrain \"" + request.terrain.substr(0, 64) +
+                 "\" takes --param NAME=NUMBER"};
   if (const auto* d = builtIn(request.terrain)) return loadBuiltIn(*d, request);
   if (isMap) {
     if (!request.parameters.empty())
@@ -167,7 +171,9 @@ std::vector<std::filesystem::path> filesOf(const Request& request) {
   files.push_back(*file);
   if (isGlsl(*file)) return files;
   files.push_back(settingsOf(*file));
-  if (const auto options = optionsOf(*file, request.raster); options && !options->drape.empty()) files.push_back(options->drape);
+  if (const auto options = optionsOf(*file, request.raster))
+    for (const auto& laid : {options->drape, options->classes})
+      if (!laid.empty()) files.push_back(laid);
   std::ranges::move(raster::otherFilesOf(*file), std::back_inserter(files));
   return files;
 }

@@ -1,7 +1,7 @@
 #pragma once
 // The terrains a server can start with: built-in ones, a user's own GLSL (glsl/compiled.h), and height maps (raster/raster_terrain.h). A
-// file NAME.raster beside a map says how it is read: a line for each setting that --raster takes, or drape=FILE, from there; # begins a
-// comment.
+// file NAME.raster beside a map says how it is read: a line for each setting that --raster takes, drape=FILE and classes=FILE, from
+// there; # begins a comment.
 
 #include <cstdint>
 #include <filesystem>

@@ -19,7 +19,7 @@ namespace ridgecast::wire {
 inline constexpr std::uint32_t kProtocolVersion = 1;
 // Of that version. 1: members, clock, queries and grounds are known; 2: changes of settings; 3: passing over; 4: edits; 5: their posts; 6:
 // a clock that is set to a time; 7: a resume by its hash, near members, crowds, and members that only place themselves.
-inline constexpr std::uint32_t kRevision = 7;
+inline constexpr std::uint32_t kRevision = 8;
 
 using lattice::Candidate;
 using settings::IterationStats;
@@ -100,14 +100,14 @@ struct PassOver {
   std::uint64_t camera = 0;
 };
 
-enum class QueryKind { kHeights, kNormals, kRays };
+enum class QueryKind { kHeights, kNormals, kRays, kMaterials };
 
 using ground::Ray;
 
 struct Query {
   std::uint64_t id = 0;
   QueryKind kind = QueryKind::kHeights;
-  std::vector<lattice::Step> x, z;  // heights, normals: equally many of both
+  std::vector<lattice::Step> x, z;  // heights, normals, materials: equally many of both
   std::uint32_t spacing = 0;        // normals: steps; 0: the default
   std::vector<Ray> rays;
   std::string refusal{};  // of a decoded one: which of its rays' fields is out of range; it gets no other answer
@@ -170,6 +170,7 @@ struct World {
   std::uint64_t edit = 0;                           // the last of the ground
   std::uint64_t compacted = 0;                      // edits up to this one are never sent
   std::string resumeKey{};                          // names this camera to the server that goes on with it; empty: none would
+  std::string materials{};                          // the terrain's own, by spaces (terrain/materials.h)
   // Where a client that asked for no place starts, instead of `at`: a map may lie elsewhere (place=geo).
   lattice::Point onMap(lattice::Point at) const { return heightMap && !heightMap->area().holds(at) ? heightMap->middle() : at; }
 };
@@ -264,11 +265,12 @@ struct Clock {
 
 struct Answer {
   std::uint64_t id = 0;
-  std::vector<float> heights{};     // metres
-  std::vector<float> normals{};     // x, y, z of each
-  std::vector<double> distances{};  // metres; -1: none
-  std::string refusal{};            // why there is no answer; then nothing else is set
-  std::uint64_t edit = 0;           // the last that it knows
+  std::vector<float> heights{};           // metres
+  std::vector<float> normals{};           // x, y, z of each
+  std::vector<double> distances{};        // metres; -1: none
+  std::vector<std::uint8_t> materials{};  // terrain/materials.h
+  std::string refusal{};                  // why there is no answer; then nothing else is set
+  std::uint64_t edit = 0;                 // the last that it knows
 };
 
 struct Ground {

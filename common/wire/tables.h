@@ -4,6 +4,8 @@
 #include <numbers>
 
 #include "common/camera/camera.h"
+#include "common/terrain/materials.h"
+#include "common/text/text.h"
 #include "common/wire/table.h"
 
 namespace ridgecast::wire {
@@ -57,6 +59,13 @@ template <QueryKind kind>
 Query& ask(Query& m) { return m.kind = kind, m; }
 template <QueryKind>
 const Query& ask(const Query& m) { return m; }
+
+inline constexpr auto materialsAreValid = [](std::string_view names) {
+  std::size_t count = 0;
+  while (!names.empty())
+    if (++count > terrain::kMaxOwnMaterials || !terrain::isMaterialName(text::takePart(names, ' '))) return false;
+  return true;
+};
 
 inline constexpr auto kPlace = within(lattice::kMaxPosition, "steps");
 inline constexpr auto kEdge = within(2 * lattice::kMaxPosition, "steps");  // of an area
@@ -185,10 +194,11 @@ FURTHER_TABLE(RaysTable, Rays, FIELD(1, rays, rays, Entries{kMaxRays}));
 
 TABLE(Query, Query,
     FIELD(1, id, id),
-    AnyKind("kind", "heights, normals or rays"),
+    AnyKind("kind", "heights, normals, rays or materials"),
     QUESTION(PlacesTable, 2, heights, QueryKind::kHeights),
     QUESTION(PlacesTable, 3, normals, QueryKind::kNormals),
-    Excused{QUESTION(RaysTable, 4, rays, QueryKind::kRays)});
+    Excused{QUESTION(RaysTable, 4, rays, QueryKind::kRays)},
+    QUESTION(PlacesTable, 5, materials, QueryKind::kMaterials));
 
 TABLE(AskGround, AskGround,
     FIELD(1, id, id),
@@ -248,7 +258,8 @@ TABLE(World, World,
     FIELD(11, window, window, Range{1u, kMaxWindow}),
     FIELD(12, camera, camera), FIELD(13, revision, revision), FIELD(20, height_map, heightMap), FIELD(21, shaded_vertices, shadedVertices),
     FIELD(22, edit, edit), FIELD(23, compacted, compacted),
-    FIELD(24, resume_key, resumeKey, Bytes{kMaxResumeKeyBytes}));
+    FIELD(24, resume_key, resumeKey, Bytes{kMaxResumeKeyBytes}),
+    FIELD(25, materials, materials, Valid{"at most 64 names of 1 to 32 of a-z 0-9 _ -, by spaces", materialsAreValid}));
 
 TABLE(Figures, IterationStats,
     FIELD(1, select_ms, selectMs, kMs),
@@ -366,7 +377,8 @@ TABLE(Answer, Answer,
     FIELD(2, heights, heights, Entries{kMaxPlaces}),
     FIELD(3, normals, normals, Entries{3 * kMaxPlaces}),
     FIELD(4, distances, distances, Entries{kMaxRays}),
-    FIELD(5, refusal, refusal, Bytes{kMaxErrorBytes}), FIELD(6, edit, edit));
+    FIELD(5, refusal, refusal, Bytes{kMaxErrorBytes}), FIELD(6, edit, edit),
+    FIELD(7, materials, materials, Bytes{kMaxPlaces}));
 
 TABLE(Ground, Ground,
     FIELD(1, id, id),

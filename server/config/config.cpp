@@ -80,12 +80,18 @@ void addTerrain(CLI::App& app, Written& w) {
       ->capture_default_str();
   app.add_option("--seed", c.terrain.seed, "Seed of that terrain")->capture_default_str();
   addList(app, "--param", w.parameters, "NAME=NUMBER", "Set a parameter of the terrain, NAME=NUMBER; repeatable");
-  addList(app, "--raster", w.raster, "NAME=VALUE",
-          "How to read a height map, NAME=VALUE; repeatable: pitch=METRES, scale=NUMBER, offset=METRES, "
-          "edge=clamp|mirror|repeat|METRES, missing=VALUE, nodata=METRES|fill, place=centre|geo, project=local; raw files: "
-          "size=COLUMNSxROWS, order=little|big, type=unsigned|signed");
+  addList(
+      app, "--raster", w.raster, "NAME=VALUE",
+      "How to read a height map, NAME=VALUE; repeatable: pitch=METRES, scale=NUMBER, offset=METRES, "
+      "edge=clamp|mirror|repeat|METRES, missing=VALUE, nodata=METRES|fill, place=centre|geo, project=local, class=VALUE:NAME; raw files: "
+      "size=COLUMNSxROWS, order=little|big, type=unsigned|signed");
   app.add_option("--drape", c.terrain.raster.drape,
                  "Picture on a height map: a GeoTIFF of red, green and blue in the map's CRS, or a .txt of heights and colours")
+      ->type_name("FILE");
+  app.add_option(
+         "--classes", c.terrain.raster.classes,
+         "What a height map's ground is made of: a GeoTIFF of whole numbers in the map's CRS, such as land cover, named by --raster "
+         "class=VALUE:NAME")
       ->type_name("FILE");
   app.add_option("--terrain-dir", c.terrain.folder, "Folder of terrain files NAME.glsl and height maps, each available as NAME")
       ->type_name("DIR");
@@ -219,7 +225,7 @@ Outcome<Config> finish(Written&& w) {
   c.terrain.build.prober = "/proc/self/exe";  // main() calls asProbe
   // Absolute, so that what clients are told can leave the folders out (text::withoutFolders).
   if (std::filesystem::path(c.terrain.terrain).has_parent_path()) c.terrain.terrain = std::filesystem::absolute(c.terrain.terrain);
-  for (std::filesystem::path* path : {&c.terrain.folder, &c.terrain.raster.drape})
+  for (std::filesystem::path* path : {&c.terrain.folder, &c.terrain.raster.drape, &c.terrain.raster.classes})
     if (!path->empty()) *path = std::filesystem::absolute(*path);
   if (const auto error = parseAll(w.parameters, glsl::parseAssignment, c.terrain.parameters)) return *error;
   if (const auto error = parseAll(w.trustedProxies, access::Network::parse, c.net.trustedProxies)) return *error;

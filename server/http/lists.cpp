@@ -78,6 +78,7 @@ std::string sessionEntry(const session::Session& session) {
                {"waits_for", clock.waitsFor.size()},
                {"owner", clock.owner ? Json{{"camera", clock.owner}, {"name", state.ownerName}} : Json()}}}};
   if (const terrain::Raster* map = session.terrain()->raster(); map && limits.sendsTerrain) entry["height_map"] = heightMap(*map);
+  if (const auto own = session.terrain()->ownMaterials(); !own.empty()) entry["materials"] = own;
   return dumped(entry);
 }
 

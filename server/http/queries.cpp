@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "common/outcome/contract.h"
+#include "common/terrain/materials.h"
 #include "common/text/text.h"
 #include "common/wire/wire.h"
 #include "server/earth/earth.h"
@@ -98,9 +99,10 @@ class QueryTask {
   bool write() {
     if (type_ == BodyType::kDoubles) {
       const auto raw = [&](const auto& list) { text_.append(reinterpret_cast<const char*>(list.data()), list.size() * sizeof(list[0])); };
-      form_.kind == QueryKind::kHeights   ? raw(made_.heights)
-      : form_.kind == QueryKind::kNormals ? raw(made_.normals)
-                                          : raw(made_.distances);
+      form_.kind == QueryKind::kHeights     ? raw(made_.heights)
+      : form_.kind == QueryKind::kNormals   ? raw(made_.normals)
+      : form_.kind == QueryKind::kMaterials ? raw(made_.materials)
+                                            : raw(made_.distances);
       return true;
     }
     if (written_ == 0) text_ = "{\"" + std::string(form_.path.substr(std::string_view("/v1/").size())) + "\": [";
@@ -114,6 +116,10 @@ class QueryTask {
     if (form_.kind == QueryKind::kNormals) {
       const auto n = std::span(made_.normals).subspan(3 * k, 3);
       return "[" + number(n[0]) + ", " + number(n[1]) + ", " + number(n[2]) + "]";
+    }
+    if (form_.kind == QueryKind::kMaterials) {
+      const std::string_view name = terrain::materialName(made_.materials[k], answering_->terrain().ownMaterials());
+      return name.empty() ? "null" : '"' + std::string(name) + '"';
     }
     if (made_.distances[k] < 0) return "null";
     const wire::Ray& ray = answering_->query().rays[k];

@@ -2,6 +2,7 @@
 // Queries over HTTP, for scripts and people:
 //   GET /v1/heights?at=X,Z&at=X,Z            {"heights": [metres, ...]}
 //   GET /v1/normals?at=X,Z&spacing=METRES    {"normals": [[x, y, z], ...]}
+//   GET /v1/materials?at=X,Z                 {"materials": ["grass" or null, ...]}
 //   GET /v1/rays?ray=X,Y,Z,DX,DY,DZ&reach=M  {"rays": [{"distance": metres, "at": [x, y, z]} or null, ...]}
 // Places are in metres; on a map that says where it lies, &crs=lonlat takes longitudes and latitudes in degrees, and &crs=EPSG:N eastings
 // and northings. A ray then has two coordinates, a height and a direction east, north and up, in metres of the world; its hit `at` has two
@@ -13,8 +14,9 @@
 // POST asks for up to kMaxPosted places or rays, by its Content-Type:
 //   application/json            {"at": [[x, z], ...], "spacing": metres} or {"rays": [[x, y, z, dx, dy, dz], ...], "reach": metres},
 //                               answered as GET is
-//   application/octet-stream    little-endian doubles, two or six of each; answered by floats, one a height and three a normal, or by
-//                               doubles, distances (-1: none). spacing and reach stand in the URL
+//   application/octet-stream    little-endian doubles, two or six of each; answered by floats, one a height and three a normal; by
+//                               bytes, materials (terrain/materials.h); or by doubles, distances (-1: none). spacing and reach stand in
+//                               the URL
 //
 // Answers are made in turns of milliseconds, between which others run, and charge their heights to the client's Budgets::queries.
 

@@ -29,9 +29,10 @@ constexpr char kReach[] = "reach is the length of the rays, 0 to 100000 metres."
 
 using wire::QueryKind;
 constexpr std::size_t kValuesATime = 256;  // of JSON
-constexpr std::array<QueryForm, 3> kForms{{
+constexpr std::array<QueryForm, 4> kForms{{
     {QueryKind::kHeights, "/v1/heights", "at", "at", 2, kMaxHttpPlaces, kPlace, "spacing", kSpacing},
     {QueryKind::kNormals, "/v1/normals", "at", "at", 2, kMaxHttpPlaces, kPlace, "spacing", kSpacing},
+    {QueryKind::kMaterials, "/v1/materials", "at", "at", 2, kMaxHttpPlaces, kPlace, "spacing", kSpacing},
     {QueryKind::kRays, "/v1/rays", "ray", "rays", 6, kMaxHttpRays, kRay, "reach", kReach},
 }};
 

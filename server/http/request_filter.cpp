@@ -66,7 +66,7 @@ Needed needed(std::string_view method, std::string_view path) {
             : path.substr(path.rfind('/')).starts_with("/snapshot.") || isOfTileset(path) ? Right::kSnapshot
                                                                                           : Right::kView};
   }
-  for (const std::string_view query : {"/v1/heights", "/v1/normals", "/v1/rays", "/v1/query"})
+  for (const std::string_view query : {"/v1/heights", "/v1/normals", "/v1/materials", "/v1/rays", "/v1/query"})
     if (path.starts_with(query)) return {Right::kQuery};
   return {Right::kView};
 }

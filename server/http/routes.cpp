@@ -138,8 +138,8 @@ Reply onceHas(std::string_view edit, const std::shared_ptr<session::Session>& se
 }
 
 std::string routeOf(std::string_view path) {
-  for (const std::string_view known :
-       {"/", "/healthz", "/readyz", "/metrics", "/version", "/v1/stream", "/v1/sessions", "/v1/heights", "/v1/normals", "/v1/rays"})
+  for (const std::string_view known : {"/", "/healthz", "/readyz", "/metrics", "/version", "/v1/stream", "/v1/sessions", "/v1/heights",
+                                       "/v1/normals", "/v1/materials", "/v1/rays"})
     if (path == known) return std::string(known);
   constexpr std::string_view sessions = "/v1/sessions/";
   for (const auto& [ending, tile] :

@@ -20,6 +20,7 @@ Answering::Answering(std::shared_ptr<const terrain::Terrain> terrain, wire::Quer
   if (query_.kind == wire::QueryKind::kHeights) answer_.heights.resize(size_);
   if (query_.kind == wire::QueryKind::kNormals) answer_.normals.resize(3 * size_);
   if (query_.kind == wire::QueryKind::kRays) answer_.distances.resize(size_);
+  if (query_.kind == wire::QueryKind::kMaterials) answer_.materials.resize(size_);
 }
 
 std::uint64_t Answering::work() {
@@ -40,7 +41,11 @@ std::uint64_t Answering::work() {
     terrain_->heights(x, z, std::span(answer_.heights).subspan(begin, count));
     return count;
   }
-  ground::normals(*terrain_, x, z, query_.spacing, std::span(answer_.normals).subspan(3 * begin, 3 * count));
+  if (query_.kind == wire::QueryKind::kMaterials) {
+    terrain_->materials(x, z, std::span(answer_.materials).subspan(begin, count));
+    return 5 * count;  // of formulas: by heights and normals
+  }
+  terrain::normals(*terrain_, x, z, query_.spacing, std::span(answer_.normals).subspan(3 * begin, 3 * count));
   return 4 * count;
 }
 

@@ -20,6 +20,7 @@ class Answering {
   Answering(std::shared_ptr<const terrain::Terrain> terrain, wire::Query query, std::uint64_t edit = 0);
   bool isDone() const { return done_ == size_; }
   const wire::Query& query() const { return query_; }
+  const terrain::Terrain& terrain() const { return *terrain_; }
   std::uint64_t work();  // the next piece, some places or rays; returns the heights of the terrain that it took
   wire::Answer take() { return std::move(answer_); }
 

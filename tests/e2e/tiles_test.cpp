@@ -390,7 +390,7 @@ TEST(Tiles, AndSnapshotsShowThePictureOnAMap) {
 
   const Finished refused = runProgram({RIDGECAST_SERVER, "--terrain", "alpine", "--drape", ortho});
   EXPECT_EQ(refused.code, 2);
-  EXPECT_THAT(refused.output, testing::HasSubstr("--raster and --drape are for height maps"));
+  EXPECT_THAT(refused.output, testing::HasSubstr("--raster, --drape and --classes are for height maps"));
 }
 
 TEST(Tiles, OtherProgramsFindNoFault) {

@@ -25,7 +25,8 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   options.bigEndian = data[0] & 4;
   options.isSigned = data[0] & 8;
   if (data[0] & 16) options.width = 3, options.height = 2;
-  auto opened = data[0] & 64 ? raster::openPicture(file) : raster::openRaster(file, options);
+  auto opened = data[0] & 64 ? raster::openLaid(file, data[0] & 128 ? raster::Content::kClasses : raster::Content::kColours)
+                             : raster::openRaster(file, options);
   if (opened) {
     const raster::RasterHeader& header = (*opened)->header();
     if (header.width == 0 || header.height == 0) std::abort();

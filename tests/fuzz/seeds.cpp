@@ -89,10 +89,11 @@ void clientSeeds() {
   hello.role = wire::Role::kSensor;
   hello.members = hello.clock = hello.errors = true;
   const wire::Query heights{1, wire::QueryKind::kHeights, {5, -6}, {7, 1 << 20}, 0, {}},
-      normals{2, wire::QueryKind::kNormals, {5}, {7}, 32, {}}, rays{3, wire::QueryKind::kRays, {}, {}, 0, {{1, 2, 3, 0, -1, 0.5, 100}}};
+      normals{2, wire::QueryKind::kNormals, {5}, {7}, 32, {}}, rays{3, wire::QueryKind::kRays, {}, {}, 0, {{1, 2, 3, 0, -1, 0.5, 100}}},
+      materials{4, wire::QueryKind::kMaterials, {5}, {7}, 0, {}};
   for (const M& m : {M(hello), M(wire::AskClock{9}), M(wire::SetClock{true, wire::ClockMode::kScaled, 2}), M(wire::ClockStep{20'000, true}),
-                     M(wire::StepDone{1}), M(wire::PassOver{8}), M(heights), M(normals), M(rays), M(wire::AskGround{4, {5, 6}, 20, 0.5}),
-                     M(wire::ChangeSettings{{wire::Metric::kArea, 2, 50'000, 0}})})
+                     M(wire::StepDone{1}), M(wire::PassOver{8}), M(heights), M(normals), M(rays), M(materials),
+                     M(wire::AskGround{4, {5, 6}, 20, 0.5}), M(wire::ChangeSettings{{wire::Metric::kArea, 2, 50'000, 0}})})
     write("client", framed<M>({m}));
   write("client", framed<M>({hello, pose, wire::Edit{1, "key", R"({"op":"crater","x":0,"z":0,"radius":5,"depth":1})"}}));
   write("client", framed<M>({hello, resume, pose, wire::Acknowledge{1, 0}, second, wire::ResendLeaves{}, wire::Acknowledge{2, 5}}));

@@ -52,6 +52,7 @@ TEST_F(AccessTest, TokensOnTheWebSocketAndOnEveryRoute) {
                                      {"GET", "/metrics", Right::kView, true},
                                      {"GET", "/v1/heights?session=default&x=0&z=0", Right::kQuery, false},
                                      {"GET", "/v1/normals?session=default", Right::kQuery, false},
+                                     {"GET", "/v1/materials", Right::kQuery, false},
                                      {"GET", "/v1/rays", Right::kQuery, false},
                                      {"POST", "/v1/query", Right::kQuery, false},
                                      {"POST", "/v1/heights?session=default", Right::kQuery, false},

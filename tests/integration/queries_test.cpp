@@ -48,8 +48,13 @@ class Renamed final : public terrain::Terrain {
   std::uint32_t seed() const override { return terrain_->seed(); }
   terrain::Relief relief() const override { return terrain_->relief(); }
   void heights(std::span<const Step> x, std::span<const Step> z, std::span<float> out) const override { terrain_->heights(x, z, out); }
+  std::span<const std::string> ownMaterials() const override { return own_; }
+  void materials(std::span<const Step> x, std::span<const Step> z, std::span<std::uint8_t> out) const override {
+    for (std::size_t k = 0; k < out.size(); ++k) out[k] = static_cast<std::uint8_t>((x[k] ^ z[k]) % 11 & 15);
+  }
 
  private:
+  const std::vector<std::string> own_{"forest", "mud"};
   std::shared_ptr<const terrain::Terrain> terrain_;
 };
 
@@ -129,6 +134,22 @@ TEST_F(QueriesTest, LocalAnswersAreTheServersBitForBit) {
     EXPECT_EQ(std::memcmp(ra.data(), rb.data(), ra.size() * sizeof(double)), 0) << d.name;
     EXPECT_GT(std::count_if(ra.begin(), ra.end(), [](double t) { return t > 0; }), 100);
   }
+}
+
+TEST_F(QueriesTest, MaterialsAndTheirNamesComeFromTheServer) {
+  const Places p = randomPlaces(10'000, 7);
+  const Renamed terrain(terrain::create("alpine", 11).value());
+  std::vector<std::uint8_t> expected(p.x.size()), got(p.x.size(), 99);
+  terrain.materials(p.x, p.z, expected);
+  auto there = join("renamed-alpine"), here = join("alpine");
+  Ground remote(*there, kTimeout), local(*here);
+  ASSERT_TRUE(remote.materials(p.x, p.z, got));
+  EXPECT_EQ(got, expected);
+  EXPECT_THAT(remote.ownMaterials(), testing::ElementsAre("forest", "mud"));
+  ASSERT_TRUE(local.materials(p.x, p.z, got));
+  terrain::create("alpine", 11).value()->materials(p.x, p.z, expected);
+  EXPECT_EQ(got, expected);
+  EXPECT_THAT(local.ownMaterials(), testing::ElementsAre("water", "wood"));
 }
 
 TEST_F(QueriesTest, AMeshKeepsItsBoundOnADenseSample) {

@@ -324,6 +324,11 @@ MUTANTS = [
     ("client/core/ground/held_edits.cpp", "    known.isOld = true;\n", "", "test core_ground_test"),
     ("client/core/ground/held_edits.cpp", "if (!*decoded && squares.edit >= known->second.needs) {", "if (!*decoded) {", "test core_ground_test"),
     ("client/core/hands/editing.cpp", "  if (undoes > 0) keep(undoes);\n", "", "test core_hands_test"),
+    ("client/core/conversation/conversation.cpp", "kMaterials && world_.revision < 8)", "kMaterials && world_.revision < 7)", "test core_conversation_test"),
+    # What the ground is made of.
+    ("common/raster/classes.cpp", "if (std::isnan(v) || (header.noData && v == *header.noData)) continue;", "if (std::isnan(v)) continue;", "test raster_files_test"),
+    ("common/raster/classes.cpp", "const double i = std::floor(grid_.x.at(x) + 0.5)", "const double i = std::floor(grid_.x.at(x))", "test raster_files_test"),
+    ("common/edits/edited_terrain.cpp", "painted != 0) out[k] = painted;", "painted != 0 && out[k] == 0) out[k] = painted;", "test edits_test"),
     # The stream's bytes.
     ("common/wire/table.h", "if (found.chosen != kRows<T>) found.held[found.chosen] = {};", "", "test wire_test"),
     ("common/wire/table.h", "    if (there) earlier->push_back(last);\n", "", "test wire_test"),

@@ -267,7 +267,7 @@ void Truth::judgeAnswer(const Answered& answered) const {
     edited.heights(query.x, query.z, heights);
   } else if (query.kind == wire::QueryKind::kNormals) {
     normals.resize(3 * query.x.size());
-    ground::normals(edited, query.x, query.z, ground::kDefaultSpacing, normals);
+    terrain::normals(edited, query.x, query.z, terrain::kDefaultSpacing, normals);
   }
   for (const wire::Ray& ray : query.rays) distances.push_back(ground::cast(edited, ray));
   EXPECT_EQ(answer.heights, heights) << "an answer as of edit " << answer.edit;

@@ -85,6 +85,7 @@ Error Conversation::lacks(const char* what) const { return Error{server_ + " is 
 
 void Conversation::ask(wire::Query query, std::function<void(Outcome<wire::Answer>)> done) {
   if (world_.revision < 1) return done(lacks("answers no queries"));
+  if (query.kind == wire::QueryKind::kMaterials && world_.revision < 8) return done(lacks("knows no materials"));
   outbox_.queries.add(std::move(query), std::move(done));
 }
 void Conversation::ask(const wire::AskGround& ask, std::function<void(Outcome<wire::Ground>)> done) {

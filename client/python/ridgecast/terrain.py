@@ -1,4 +1,4 @@
-"""The true ground: heights, normals, rays."""
+"""The true ground: heights, normals, materials, rays."""
 
 import math
 import os
@@ -104,6 +104,30 @@ class Questions:
                    lambda first, n: lib.rc_terrain_normals(self._terrain, asked + 2 * first, n, spacing, normals + 3 * first))
         return out
 
+    def materials(self, at: ArrayLike) -> NDArray[np.uint8]:
+        """What the ground is made of at places (..., 2), or points (..., 3) such as the `at` of Hits: numbers (...), which `material_names`
+        names. 0: it is not said, or the point is nan."""
+        points = real(at, "places")
+        if points.ndim == 0 or points.shape[-1] not in (2, 3):
+            raise Invalid(f"places are an array of shape (..., 2), and points of (..., 3), not {points.shape}")
+        there = np.ones(points.shape[:-1], bool)
+        if points.shape[-1] == 3:
+            there = ~np.isnan(points).any(axis=-1)
+            points = np.where(there[..., None], points[..., ::2], 0)
+        xz = np.ascontiguousarray(points)
+        out = np.empty(there.shape, np.uint8)
+        asked, materials = doubles(xz), ffi.from_buffer("uint8_t[]", out)
+        self._call(out.size, lambda first, n: lib.rc_terrain_materials(self._terrain, asked + 2 * first, n, materials + first))
+        return np.where(there, out, np.uint8(0))
+
+    @property
+    def material_names(self) -> Tuple[str, ...]:
+        """The names of materials, by their numbers; "": it is not said. The terrain's own, such as "water", follow those that edits paint."""
+        names = [""]
+        while len(names) < 256 and (name := lib.rc_terrain_material(self._terrain, len(names))) != ffi.NULL:
+            names.append(ffi.string(name).decode())
+        return tuple(names)
+
     def rays(self, origins: ArrayLike, directions: ArrayLike, reach: ArrayLike = 1e5) -> Hits:
         """The first contact of rays with the ground. origins, directions (not 0): (..., 3); reach: metres, at most 1e5, of all or each (...).
 
@@ -189,15 +213,18 @@ class Terrain(Questions):
     (.tif, .png, .asc, .hgt, .r16, .raw)
     parameters: values for parameters of a built-in terrain or a terrain file
     raster: options of a height map, such as "pitch=30 nodata=fill"
+    classes: a file of whole numbers that say what a height map's ground is made of, such as land cover; `raster` names them,
+    "class=10:forest class=30:grass"
     """
 
     def __init__(self, name: "Union[str, PathLike[str]]" = "alpine", seed: int = 1, parameters: Optional[Mapping[str, float]] = None,
-                 raster: str = "") -> None:
+                 raster: str = "", classes: "Union[str, PathLike[str], None]" = None) -> None:
         if not 1 <= seed < 1 << 32:
             raise Invalid("a seed is 1 to 4294967295")
         kept = [(text(key), float(value)) for key, value in (parameters or {}).items()]
-        raster_text, server = text(raster), text(program(required=False))
-        options = struct("rc_terrain_options", seed=seed, parameter_count=len(kept), raster=raster_text, program=server)
+        raster_text, server, classes_text = text(raster), text(program(required=False)), text(classes)
+        options = struct("rc_terrain_options", seed=seed, parameter_count=len(kept), raster=raster_text, program=server,
+                         classes=classes_text)
         values = ffi.new("rc_parameter[]", kept) if kept else ffi.NULL
         options.parameters = values
         out = ffi.new("rc_terrain**")
@@ -209,6 +236,7 @@ class Terrain(Questions):
         self.seed = seed
         self.parameters = dict(parameters or {})
         self.raster = raster
+        self.classes = classes
 
     @property
     def hash(self) -> int:
@@ -227,7 +255,7 @@ class Terrain(Questions):
         return self.hash
 
     def __reduce__(self) -> Tuple[Any, ...]:  # opened again by the process that reads it
-        return Terrain, (self.name, self.seed, self.parameters, self.raster)
+        return Terrain, (self.name, self.seed, self.parameters, self.raster, self.classes)
 
     def __copy__(self) -> "Terrain":  # it never changes
         return self

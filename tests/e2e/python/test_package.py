@@ -291,6 +291,33 @@ class WorldTest(unittest.TestCase):
                     self.assertLess(local.height(100, 100), hill.height(100, 100) - 4)
                 self.assertRaisesRegex(rc.Refused, "another|open the same file", rc.join, server.url, terrain=other)
 
+    def test_what_the_ground_is_made_of(self) -> None:
+        with tempfile.TemporaryDirectory() as folder:
+            hill, cover = Path(folder) / "hill.asc", Path(folder) / "cover.asc"
+            head = "ncols 4\nnrows 2\nxllcorner 0\nyllcorner 0\ncellsize 1\n"
+            hill.write_text(head + "1 2 3 4\n" * 2)
+            cover.write_text(head + "10 10 30 95\n" * 2)
+            names = "pitch=10 class=10:forest class=30:grass"
+            ground = rc.Terrain(str(hill), raster=names, classes=str(cover))
+            self.assertEqual(ground.material_names[5:], ("grass", "asphalt", "concrete", "snow", "forest"))
+            at = [[-20.0, 0], [-10, 0], [0, 0], [10, 0], [500, 0]]
+            np.testing.assert_array_equal(ground.materials(at), [9, 9, 5, 0, 0])
+            self.assertNotEqual(ground.hash, rc.Terrain(str(hill), raster="pitch=10").hash)
+            self.assertEqual(pickle.loads(pickle.dumps(ground)), ground)
+            hits = ground.rays([[-10, 50, 0], [0, 50, 0], [0, 50, 0]], [[0, -1, 0], [0, -1, 0], [0, 1, 0]])
+            np.testing.assert_array_equal(ground.materials(hits.at), [9, 5, 0])
+            self.assertRaisesRegex(rc.Invalid, "places", ground.materials, [1.0, 2, 3, 4])
+            self.assertRaisesRegex(rc.Refused, "class=VALUE:NAME: it has 10, 30, 95", rc.Terrain, str(hill), raster="pitch=10",
+                                   classes=str(cover))
+            with rc.server(str(hill), raster=names.split(), classes=str(cover), quiet=True) as server, rc.join(server.url) as world:
+                self.assertFalse(world.is_local)
+                self.assertEqual(world.material_names, ground.material_names)
+                with urllib.request.urlopen(server.http + "/v1/sessions") as answer:
+                    self.assertEqual(json.load(answer)["sessions"][0]["materials"], ["forest"])
+                np.testing.assert_array_equal(world.materials(at), ground.materials(at))
+                world.edit("level", x=-10, z=0, radius=2, height=5, material="gravel")
+                np.testing.assert_array_equal(world.materials(at), [9, 3, 5, 0, 0])
+
     def test_sessions_are_made_and_joined(self) -> None:
         with rc.join(self.server.url, session="race", terrain="archipelago", seed=3, parameters={"heathLine": 640}, name="Ada") as ada:
             self.assertTrue(ada.is_local)

@@ -181,7 +181,7 @@ TEST(Edits, AStampIsLinearBetweenItsSamples) {
   EXPECT_EQ(g.rise(2, 0), 0);
 }
 
-TEST(Edits, MaterialsColourTheGround) {
+TEST(Edits, MaterialsColourTheGroundAndAreTold) {
   Ground g;
   g.apply({Level{{{0, 0}}, m(10), g.base->heightStep({0, 0}), 256}, 6});
   const EditedTerrain edited(g.base, g.history.layer());
@@ -193,6 +193,11 @@ TEST(Edits, MaterialsColourTheGround) {
   g.base->colours()(x, z, height, up, 0, own, 2, 3);
   EXPECT_EQ(out[0], colourOf(6));
   EXPECT_EQ(out[1], own[1]);
+  std::uint8_t materials[] = {99, 99}, ownMaterial = 99;
+  edited.materials(x, z, materials);
+  g.base->materials({&x[1], 1}, {&z[1], 1}, {&ownMaterial, 1});
+  EXPECT_THAT(materials, testing::ElementsAre(6, ownMaterial));
+  EXPECT_EQ(terrain::materialName(6, edited.ownMaterials()), "asphalt");
 }
 
 TEST(Edits, WhatIsWrongIsSaid) {

@@ -63,7 +63,7 @@ TEST(Ground, ASpacingOfZeroIsTheDefault) {
   const std::vector<Step> x{0, 12'345}, z{-7, 99};
   std::vector<float> out(6), byDefault(6);
   normals(*alpine, x, z, 0, out);
-  normals(*alpine, x, z, kDefaultSpacing, byDefault);
+  normals(*alpine, x, z, terrain::kDefaultSpacing, byDefault);
   EXPECT_EQ(out, byDefault);
 }
 

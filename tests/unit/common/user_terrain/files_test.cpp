@@ -35,7 +35,7 @@ TEST_F(Files, WhateverIsCompiledTheProcessIsNeverCopied) {
 
 // Whoever tries a terrain file has room for its variables and no more: the library asks for 256 MiB and says 1 m where it did not get them.
 TEST(Probe, LimitsTheMemoryOfItsChild) {
-  const auto tried = glsl::probe("greedy.glsl", RIDGECAST_GREEDY_TERRAIN, 1, RIDGECAST_SERVER);
+  const auto tried = glsl::probe("greedy.glsl", RIDGECAST_GREEDY_TERRAIN, 8, 1, RIDGECAST_SERVER);
   EXPECT_TRUE(tried) << tried.error().message << ": it was given 256 MiB";
 }
 
@@ -101,6 +101,27 @@ TEST_F(Files, parametersOfBuiltInTerrainsNeedNoCompiler) {
   Request wrong = request("alpine");
   wrong.parameters = {{"snowline", 1}};
   EXPECT_THAT(load(wrong, nullptr).error().message, HasSubstr("it has: snowLine, treeLine"));
+}
+
+TEST_F(Files, sayWhatTheGroundIsMadeOf) {
+  const std::string heights =
+      "float terrainHeight(ivec2 cell, vec2 fraction, float footprint, uint seed) { return fraction.x * 4096.0; }\n";
+  const path file =
+      write("made-of.glsl", "//! materials: mud, moor\n" + heights + std::string(kColour) +
+                                "const int kMoor = 10;\nint terrainMaterial(ivec2 cell, vec2 fraction, float height, vec3 normal, "
+                                "uint seed) {\n  if (normal.y > 0.99) return 0;\n  return height < 8.0 ? 5 : cell.y < 0 ? 9 : kMoor;\n}\n");
+  const auto terrain = load(request(file), nullptr);
+  ASSERT_TRUE(terrain) << terrain.error().message;
+  EXPECT_THAT((*terrain)->ownMaterials(), testing::ElementsAre("mud", "moor"));
+  std::vector<lattice::Step> x, z;
+  for (int k = 0; k < 1000; ++k) x.push_back(100 + 256 * k), z.push_back(k % 2 == 0 ? -5 : 5);
+  std::vector<std::uint8_t> made(x.size());
+  (*terrain)->materials(x, z, made);
+  for (std::size_t k = 0; k < x.size(); ++k) ASSERT_EQ(made[k], x[k] < 8 * 256 ? 5 : k % 2 == 0 ? 9 : 10) << k;
+  const auto silent = load(request(write("silent.glsl", heights + std::string(kColour))), nullptr);
+  ASSERT_TRUE(silent);
+  (*silent)->materials(x, z, made);
+  EXPECT_EQ(made, std::vector<std::uint8_t>(x.size()));
 }
 
 TEST_F(Files, parametersReachHeightsTextAndHash) {

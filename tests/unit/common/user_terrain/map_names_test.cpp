@@ -69,7 +69,7 @@ TEST_F(FolderOfMaps, TheLinesBesideAMapSayHowItIsRead) {
   ASSERT_TRUE(byPath);
   EXPECT_EQ(terrain::contentHash(**byPath), terrain::contentHash(**hole));
 
-  EXPECT_THAT(named("hole", {"nodata=fill"}).error().message, HasSubstr("add a line to it, and leave --raster and --drape out"));
+  EXPECT_THAT(named("hole", {"nodata=fill"}).error().message, HasSubstr("add a line to it, and leave --raster, --drape and --classes out"));
   write("hole.raster", "nodata=30\npith=3\n");
   EXPECT_THAT(named("hole").error().message, testing::AllOf(HasSubstr("hole.raster:2: "), HasSubstr("there is pitch=METRES")));
   write("hole.raster", "nodata=30\ndrape=ramp.txt\n");

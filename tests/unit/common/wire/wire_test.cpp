@@ -27,9 +27,9 @@ const std::string kPose =
 const std::string kWorld =
     R"(world { protocol_version: 1 server_name: "ridgecast-server" session: "exercise-7" terrain_name: "alpine" )"
     R"(terrain_source: "float h;" seed: 4000000000 content_hash: 18364758544493064720 step_bits: 8 horizon: 32000 )"
-    R"(settings { metric: METRIC_PIXELS threshold: 1.5 triangle_budget: 500000 } window: 3 camera: 17 revision: 7 )"
+    R"(settings { metric: METRIC_PIXELS threshold: 1.5 triangle_budget: 500000 } window: 3 camera: 17 revision: 8 )"
     R"(height_map { origin_x: -5 origin_z: 1125899906842624 width: 10 height: 20 lowest: -300 highest: 4 content: 77 draped: true )"
-    R"(pitch_x: 8053063680 pitch_z: 26843546 } shaded_vertices: true edit: 6 compacted: 2 resume_key: "\001k" })";
+    R"(pitch_x: 8053063680 pitch_z: 26843546 } shaded_vertices: true edit: 6 compacted: 2 resume_key: "\001k" materials: "forest mud" })";
 const std::string kIteration =
     R"(iteration { number: 1099511627776 pose_sequence: 77 gone { i: -1 j: 2 } gone { level: 10 i: 4 j: -4 } )"
     R"(whole { address { level: 3 i: 5 j: 6 } vertices: 4 triangles: 2 payload: "\000\377\007" error: 0.5 shades: "s" } )"
@@ -81,6 +81,7 @@ TEST(Wire, ValuesOfAClientAreTheSchemasFields) {
   expectText(Query{3, QueryKind::kRays, {}, {}, 0, {{1, -2, 3.5, 0.25, -1e-3, 1e6, 7}}},
              R"(query { id: 3 rays { rays { x: 1 z: -2 y: 3.5 direction_x: 0.25 direction_y: -0.001 direction_z: 1000000 reach: 7 } } )"
              R"(})");
+  expectText(Query{3, QueryKind::kMaterials, {5}, {-6}, 0, {}}, R"(query { id: 3 materials { x: 5 z: -6 } })");
   expectText(AskGround{5, {1, -2}, 30, 0.05}, R"(ask_ground { id: 5 x: 1 z: -2 radius: 30 error: 0.05 })");
   expectText(WantTiles{{{3, -4}}}, R"(want_tiles { tiles { i: 3 j: -4 } })");
   expectText(ChangeSettings{{Metric::kArea, 2.5, 70'000, 1'000'000}},
@@ -108,6 +109,7 @@ TEST(Wire, ValuesOfAServerAreTheSchemasFields) {
   world.edit = 6;
   world.compacted = 2;
   world.resumeKey = "\001k";
+  world.materials = "forest mud";
   expectText(world, kWorld);
   Iteration it;
   it.number = 1ull << 40;
@@ -139,8 +141,9 @@ TEST(Wire, ValuesOfAServerAreTheSchemasFields) {
   expectText(Clock{ClockMode::kScaled, 2.5, 10, 3, 4, {5, 6}, 7, "Passed over.", 11, true},
              R"(clock { mode: CLOCK_SCALED rate: 2.5 time: 10 owner: 3 step: 4 waits_for: 5 waits_for: 6 echo: 7 notice: "Passed )"
              R"(over." end: 11 refuses: true })");
-  expectText(Answer{4, {1.5f, -0.0f}, {0, 1, 0}, {-1, 12.25}, "", 5},
-             R"(answer { id: 4 heights: 1.5 heights: -0 normals: 0 normals: 1 normals: 0 distances: -1 distances: 12.25 edit: 5 })");
+  expectText(Answer{4, {1.5f, -0.0f}, {0, 1, 0}, {-1, 12.25}, {9, 'a'}, "", 5},
+             R"(answer { id: 4 heights: 1.5 heights: -0 normals: 0 normals: 1 normals: 0 distances: -1 distances: 12.25 edit: 5 )"
+             R"(materials: "\ta" })");
   expectText(Ground{5, 0.25, {{{3, 5, 6}, 4, 2, {0, 255}, 0.125f}}, "", 6},
              R"(ground { id: 5 error: 0.25 leaves { address { level: 3 i: 5 j: 6 } vertices: 4 triangles: 2 payload: "\000\377" )"
              R"(error: 0.125 } edit: 6 })");

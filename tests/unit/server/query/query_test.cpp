@@ -52,6 +52,10 @@ TEST(Query, AnswersWhatTheTerrainSays) {
   wire::Query rays;
   rays.kind = wire::QueryKind::kRays;
   rays.rays = {{0, 0, 5000, 0, -1, 0, 1e5}, {0, 0, 5000, 0, 1, 0, 10}};
+  q.kind = wire::QueryKind::kMaterials;
+  std::vector<std::uint8_t> materials(q.x.size());
+  terrain->materials(q.x, q.z, materials);
+  EXPECT_EQ(answer(terrain, q).materials, materials);
   const auto distances = answer(terrain, rays).distances;
   EXPECT_NEAR(distances[0], 5000 - terrain->height({0, 0}), 0.01);
   EXPECT_EQ(distances[1], -1);
@@ -110,6 +114,22 @@ TEST(Query, DeviationBoundsADenseSample) {
   EXPECT_EQ(deviation(*terrain::create("alpine", 1).value(), {{0, 0, 0}, {}, {}}), 0);
 }
 
+// Grass for x below 0, then mud, which is its own, and nothing that is said from 1 m on.
+class Meadow final : public terrain::Terrain {
+ public:
+  std::string_view name() const override { return "meadow"; }
+  std::string_view source() const override { return ""; }
+  std::uint32_t seed() const override { return 1; }
+  std::span<const std::string> ownMaterials() const override { return own_; }
+  void heights(std::span<const Step>, std::span<const Step>, std::span<float> out) const override { std::ranges::fill(out, 0.0f); }
+  void materials(std::span<const Step> x, std::span<const Step>, std::span<std::uint8_t> out) const override {
+    std::ranges::transform(x, out.begin(), [](Step v) { return static_cast<std::uint8_t>(v < 0 ? 5 : v < 256 ? 9 : 0); });
+  }
+
+ private:
+  const std::vector<std::string> own_{"mud"};
+};
+
 class QueryHttpTest : public testing::Test {
  protected:
   QueryHttpTest() {
@@ -122,6 +142,7 @@ class QueryHttpTest : public testing::Test {
     };
     directory = std::make_shared<directory::Directory>(resources, terrain);
     directory->add("other", terrain::create("alpine", 4).value()).value();
+    directory->add("meadow", std::make_shared<Meadow>()).value();
   }
   http::Answer get(const std::string& target, std::string_view method = "GET") {
     http::Request request;
@@ -201,6 +222,13 @@ std::string bytesOf(const std::vector<Number>& list) {
   return {reinterpret_cast<const char*>(list.data()), list.size() * sizeof(Number)};
 }
 
+TEST_F(QueryHttpTest, MaterialsHaveNamesOrNumbers) {
+  EXPECT_EQ(get("/v1/materials?session=meadow&at=-3,2&at=0.5,2&at=7,2").body, "{\"materials\": [\"grass\", \"mud\", null]}\n");
+  EXPECT_EQ(post("/v1/materials?session=meadow", bytesOf(std::vector<double>{-3, 2, 0.5, 2, 7, 2}), kDoubles).body,
+            std::string("\5\11\0", 3));
+  EXPECT_THAT(get("/v1/materials?at=1,2").body, testing::MatchesRegex("\\{\"materials\": \\[\"[a-z]+\"\\]\\}\n"));
+}
+
 TEST_F(QueryHttpTest, APostedQueryIsAnsweredByTheTerrainsOwnBits) {
   constexpr std::size_t kCount = http::kMaxPosted;
   support::Random random(9);
@@ -214,7 +242,7 @@ TEST_F(QueryHttpTest, APostedQueryIsAnsweredByTheTerrainsOwnBits) {
   }
   std::vector<float> heights(kCount), normals(3 * kCount);
   terrain->heights(x, z, heights);
-  ground::normals(*terrain, x, z, 512, normals);
+  terrain::normals(*terrain, x, z, 512, normals);
   const auto raw = post("/v1/heights", bytesOf(places), kDoubles);
   EXPECT_EQ(raw.status, 200u) << raw.body;
   EXPECT_EQ(raw.type, kDoubles);

@@ -290,10 +290,12 @@ TEST(Conversation, AnEarlierServerIsNotToldWhatItDoesNotKnow) {
   for (std::uint32_t revision = 0; revision <= wire::kRevision; ++revision) {
     Talk talk({}, world(revision));
     Conversation& c = talk.conversation;
-    std::string refused, notEdited;
+    std::string refused, notEdited, notMaterials;
     wire::Query query;
     query.x = query.z = {1};
     c.ask(query, [&](const auto& answer) { refused = answer.error().message; });
+    query.kind = wire::QueryKind::kMaterials;
+    if (revision < 8) c.ask(query, [&](const auto& answer) { notMaterials = answer.error().message; });
     c.ask(wire::Edit{}, [&](const auto& answer) { notEdited = answer.error().message; });
     EXPECT_FALSE(c.change({.threshold = 2}));
     EXPECT_FALSE(c.passOver(7));
@@ -303,6 +305,9 @@ TEST(Conversation, AnEarlierServerIsNotToldWhatItDoesNotKnow) {
     while (const auto message = talk.says()) said.insert(message->index());
     EXPECT_EQ(said, std::set(since.begin(), since.begin() + std::min<std::ptrdiff_t>(revision + 1, std::ssize(since)))) << revision;
     EXPECT_EQ(refused, revision == 0 ? "the server at here is of a version that answers no queries" : "");
+    EXPECT_EQ(notMaterials, revision == 0  ? "the server at here is of a version that answers no queries"
+                            : revision < 8 ? "the server at here is of a version that knows no materials"
+                                           : "");
     EXPECT_EQ(notEdited, revision < 4 ? "the server at here is of a version that knows no edits" : "");
   }
 }

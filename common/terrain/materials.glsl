@@ -1,0 +1,9 @@
+// Numbers of materials (materials.h).
+const int kEarth = 1;
+const int kRock = 2;
+const int kGravel = 3;
+const int kSand = 4;
+const int kGrass = 5;
+const int kAsphalt = 6;
+const int kConcrete = 7;
+const int kSnow = 8;
