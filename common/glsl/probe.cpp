@@ -127,7 +127,10 @@ std::string_view faultOf(float height) {
 }
 
 std::string materialFault(std::size_t most) {
-  return "is no number of 0 to " + std::to_string(most) + "; names of more stand in a line such as //! materials: mud, moor";
+  return "is no number of 0 to " + std::to_string(most) +
+         "; names of more stand in a line such as //! materials: mud, moor"
+         "; or a loop there takes more than " +
+         std::to_string(kMaxSteps) + " steps";
 }
 
 std::string placeText(lattice::Step x, lattice::Step z) {

@@ -83,15 +83,18 @@ void colours(const __INT64_TYPE__* x, const __INT64_TYPE__* z, const float* heig
 #endif
 
 #ifdef RIDGECAST_MATERIALS
-// normal: three floats a point. What is no material's number becomes 255.
+// normal: three floats a point. What is no material's number becomes 255, and what takes too many steps.
 void materials(const __INT64_TYPE__* x, const __INT64_TYPE__* z, const float* height, const float* normal, unsigned char* out,
                __SIZE_TYPE__ count, uint seed) {
   for (__SIZE_TYPE__ i = 0; i < count; ++i) {
 #ifdef RIDGECAST_STEPS_LEFT
     RIDGECAST_STEPS_LEFT = kMaxSteps;
 #endif
-    const int m = terrainMaterial(cellOf(x[i], z[i]), fractionOf(x[i], z[i]), height[i],
-                                  vec3(normal[3 * i], normal[3 * i + 1], normal[3 * i + 2]), seed);
+    int m = terrainMaterial(cellOf(x[i], z[i]), fractionOf(x[i], z[i]), height[i],
+                            vec3(normal[3 * i], normal[3 * i + 1], normal[3 * i + 2]), seed);
+#ifdef RIDGECAST_STEPS_LEFT
+    if (RIDGECAST_STEPS_LEFT < 0) m = 255;
+#endif
     out[i] = static_cast<unsigned char>(m >= 0 && m < 255 ? m : 255);
   }
 }
