@@ -69,7 +69,7 @@ std::string assembled(const Assembled& how, std::string_view text) {
   out.append("#line 1 0\n").append(terrain::prelude()).append("\n#line 1 1\n").append(text).append("\n#line 1 2\n");
   if (how.whole) out.append(terrain::shading()).append("\n");
   out.append("out vec4 colour;\nvoid main() {\n  colour = vec4(");
-  out.append(how.whole ? "shadeTerrain(ivec2(1, 2), gl_FragCoord.xy * 0.001, 3.0, 0.1, vec3(0.0, 0.0, 1.0), 1.0, 2.0, 3u), 1.0" : "1.0");
+  out.append(how.whole ? "shadeTerrain(ivec2(1, 2), gl_FragCoord.xy * 0.001, 0.1, vec3(0.0, 0.0, 1.0), 1.0, 2.0, 3u), 1.0" : "1.0");
   return out.append(");\n}\n");
 }
 

@@ -30,30 +30,36 @@ vec4 correctAlong(vec3 here, ivec2 at, ivec2 next) {
   return vec4(f < b ? forwards : backwards, min(f, b) < 3.0e38 ? 1.0 : 0.0);
 }
 
-// Between two places along a ray on the two sides of the ground: where it is, to a part of a sample's width.
-float correctClose(vec3 ray, float from, float over, float to, float under, float width) {
-  float best = from;
+// Two places along a ray on the two sides of the ground, and how far each is above it.
+struct Crossing {
+  float from, over, to, under;
+};
+
+// Where the ground is, to a part of a sample's width.
+float correctClose(vec3 ray, Crossing c, float width) {
+  float best = c.from;
   for (int k = 0; k < kClosingSteps; ++k) {  // false position, the end that stays counting half (Illinois)
-    best = mix(from, to, over / (over - under));
+    best = mix(c.from, c.to, c.over / (c.over - c.under));
     float there = correctGap(ray * best);
     if (abs(there) < 0.03 * width) break;
-    if (there * under < 0.0) {
-      from = to;
-      over = under;
+    if (there * c.under < 0.0) {
+      c.from = c.to;
+      c.over = c.under;
     } else {
-      over *= 0.5;
+      c.over *= 0.5;
     }
-    to = best;
-    under = there;
+    c.to = best;
+    c.under = there;
   }
   return best;
 }
 
 // Ground that the mesh lacks may hide what it shows here: if much nearer ground begins up to kOutstanding samples below, the ray is
-// searched from there on. Returns where along the ray (0: nothing hides it), and the nearer ground's w. (Tuned on alpine at 8 pixels: 0.9
-// for 0.975 saves a tenth of the time and costs 0.015 SSIM.)
-vec2 correctBefore(vec3 ray, ivec2 at, float shown) {
-  float nearest = shown, whose = 0.0;
+// searched from there on. Returns whether it is hidden, by what, and the nearer ground's w. (Tuned on alpine at 8 pixels: 0.9 for 0.975
+// saves a tenth of the time and costs 0.015 SSIM.)
+bool correctBefore(vec3 ray, ivec2 at, float shown, out Crossing hides, out float whose) {
+  float nearest = shown;
+  whose = 0.0;
   for (int k = 1; k <= kOutstanding; k *= 2) {
     vec4 below = texelFetch(correctSurface, max(at - ivec2(0, k), ivec2(0)), 0);
     float away = length(below.xyz);
@@ -61,18 +67,19 @@ vec2 correctBefore(vec3 ray, ivec2 at, float shown) {
     nearest = away;
     whose = below.w;
   }
-  if (nearest > 0.975 * shown) return vec2(0.0);
-  float part = viewFootprint(dot(ray, viewForward)), from = 0.97 * nearest, over = correctGap(ray * from);
-  for (int k = 0; k < kSearchSteps && over > 0.0; ++k) {
-    float to = from + max(0.6 * over, 2.0 * part * from);
+  hides = Crossing(0.0, 0.0, 0.97 * nearest, 0.0);
+  if (nearest > 0.975 * shown) return false;
+  float part = viewFootprint(dot(ray, viewForward));
+  for (int k = 0; k <= kSearchSteps; ++k) {
+    hides.under = correctGap(ray * hides.to);
+    if (hides.under <= 0.0) return k > 0;
+    hides.from = hides.to;
+    hides.over = hides.under;
+    hides.to = hides.from + max(0.6 * hides.over, 2.0 * part * hides.from);
     // As far again as ground that begins there may reach, and up to what is shown.
-    if (to > min(1.15 * nearest, 0.99 * shown)) return vec2(0.0);
-    float under = correctGap(ray * to);
-    if (under <= 0.0) return vec2(correctClose(ray, from, over, to, under, part * to), whose);
-    from = to;
-    over = under;
+    if (hides.to > min(1.15 * nearest, 0.99 * shown)) return false;
   }
-  return vec2(0.0);
+  return false;
 }
 
 void main() {
@@ -80,59 +87,57 @@ void main() {
   surface = texelFetch(correctSurface, at, 0);
   if (correctSteps == 0) return;
   vec3 ray = viewRay(gl_FragCoord.xy);
-  vec2 before = correctBefore(ray, at, surface.w > 0.0 ? length(surface.xyz) : viewHorizon);
-  if (before.x > 0.0) {
-    surface = vec4(ray * before.x, floor(before.y));  // a fraction is the mesh's own
-    return;
-  }
-  if (surface.w == 0.0) return;
-  float t = length(surface.xyz);
-  ray = surface.xyz / t;
-  vec4 across = correctAlong(surface.xyz, at, ivec2(1, 0)), upwards = correctAlong(surface.xyz, at, ivec2(0, 1));
-  vec3 normal = cross(across.xyz, upwards.xyz);
-  // How fast the gap closes for each metre along the ray, were the ground the mesh's plane.
-  float fall = across.w * upwards.w > 0.0 && abs(normal.y) > 1.0e-6 * length(normal) ? dot(ray, normal) / normal.y : ray.y;
-  bool facing = fall < -0.05;  // else the plane says nothing: a silhouette, or ground seen along itself
-  fall = min(fall, -0.02);
-  float width = viewFootprint(dot(surface.xyz, viewForward)), longest = kMaxSamples * width / -fall;
-  float slope = fall, best = t, gap = correctGap(surface.xyz), least = gap;
+  Crossing crossing;
+  float whose, width;
+  if (correctBefore(ray, at, surface.w > 0.0 ? length(surface.xyz) : viewHorizon, crossing, whose)) {
+    surface.w = floor(whose);  // a fraction is the mesh's own
+    width = viewFootprint(dot(ray, viewForward)) * crossing.to;
+  } else {
+    if (surface.w == 0.0) return;
+    float began = length(surface.xyz);
+    ray = surface.xyz / began;
+    vec4 across = correctAlong(surface.xyz, at, ivec2(1, 0)), upwards = correctAlong(surface.xyz, at, ivec2(0, 1));
+    vec3 normal = cross(across.xyz, upwards.xyz);
+    // How fast the gap closes for each metre along the ray, were the ground the mesh's plane.
+    float fall = across.w * upwards.w > 0.0 && abs(normal.y) > 1.0e-6 * length(normal) ? dot(ray, normal) / normal.y : ray.y;
+    bool facing = fall < -0.05;  // else the plane says nothing: a silhouette, or ground seen along itself
+    fall = min(fall, -0.02);
+    width = viewFootprint(dot(surface.xyz, viewForward));
+    float longest = kMaxSamples * width / -fall;
+    float t = began, next = began, best = began, first = 0.0, gap = 0.0, least = 3.0e38;
+    for (int k = 0; k < correctSteps; ++k) {
+      float there = correctGap(ray * next);
+      if (k == 0) first = there;
 #ifdef RASTER  // beyond what is known of a height map the mesh is all there is
-  if (viewCameraY + surface.y - gap <= kUnknownHeight) return;
+      if (k == 0 && viewCameraY + surface.y - there <= kUnknownHeight) return;
 #endif
-  float began = t, first = gap;
-  for (int k = 1; k <= correctSteps; ++k) {
-    float next = t + clamp(-gap / slope, -longest, longest);
-    if (k == correctSteps) {
-      if (abs(gap) <= abs(least)) best = next;
-      break;
-    }
-    float there = correctGap(ray * next);
-    slope = next != t ? min((there - gap) / (next - t), 0.25 * fall) : fall;
-    t = next;
-    gap = there;
-    if (abs(gap) <= abs(least)) {
-      best = t;
+      float slope = next != t ? min((there - gap) / (next - t), 0.25 * fall) : fall;
+      t = next;
+      gap = there;
+      next = t + clamp(-gap / slope, -longest, longest);
+      if (abs(gap) > abs(least)) continue;
+      best = k + 1 == correctSteps ? next : t;
       least = gap;
     }
-  }
-  if (!facing || abs(least) > 0.05 * width || (best - began) * first < 0.0) {
-    best = began;
-    float from = began, over = first, stride = clamp(abs(first), width, kMaxSamples * width), way = sign(first);
-    float to = from, under = over;
-    for (int k = 0; k < kSearchSteps && over * under > 0.0; ++k) {
-      from = to;
-      over = under;
-      to = max(from + way * stride, 0.05);
-      under = correctGap(ray * to);
-      // In clear air by the height above ground, as a ray march does.
-      stride = max(min(1.5 * stride, 4.0 * kMaxSamples * width), 0.3 * under);
-      if (way < 0.0 ? k == kBackSteps || to <= 0.05 : to > viewHorizon) break;
-    }
-    if (over * under > 0.0 && to > viewHorizon) {
-      surface = vec4(0.0);
+    if (facing && abs(least) <= 0.05 * width && (best - began) * first >= 0.0) {
+      surface.xyz = ray * max(best, 0.05);
       return;
     }
-    if (over * under <= 0.0 && over != under) best = correctClose(ray, from, over, to, under, width);
+    float stride = clamp(abs(first), width, kMaxSamples * width), way = sign(first);
+    crossing = Crossing(began, first, began, first);
+    for (int k = 0; k < kSearchSteps && crossing.over * crossing.under > 0.0; ++k) {
+      crossing.from = crossing.to;
+      crossing.over = crossing.under;
+      crossing.to = max(crossing.from + way * stride, 0.05);
+      crossing.under = correctGap(ray * crossing.to);
+      // In clear air by the height above ground, as a ray march does.
+      stride = max(min(1.5 * stride, 4.0 * kMaxSamples * width), 0.3 * crossing.under);
+      if (way < 0.0 ? k == kBackSteps || crossing.to <= 0.05 : crossing.to > viewHorizon) break;
+    }
+    if (crossing.over == crossing.under || crossing.over * crossing.under > 0.0) {
+      if (crossing.to > viewHorizon) surface = vec4(0.0);
+      return;
+    }
   }
-  surface.xyz = ray * max(best, 0.05);
+  surface.xyz = ray * max(correctClose(ray, crossing, width), 0.05);
 }

@@ -18,8 +18,8 @@ void main() {
   vec2 ray = cos(direction) * skylineAhead + sin(direction) * viewRight.xz;
   int cell = int(gl_FragCoord.y);
   float from = skylineBegin(cell), to = skylineBegin(cell + 1), apart = 0.5 * viewFootprint(from);
-  highest = marchHeight(ray * to);
-  for (float at = from; at < to; at += apart) highest = max(highest, marchHeight(ray * at));
+  highest = -3.0e38;
+  for (float at = from; at < to + apart; at += apart) highest = max(highest, marchHeight(ray * min(at, to)));
 }
 #else
 uniform float marchLowest, marchHighest;  // metres: no ground within the horizon is lower or higher
@@ -28,7 +28,7 @@ uniform sampler2D skyline;
 layout(location = 0) out vec4 surface;
 
 int skylineCell(float distance) { return int(floor(log2(distance / 4.0) * 8.0)); }
-float marchGap(vec3 offset) { return viewCameraY + offset.y - marchHeight(offset.xz); }
+const int kHalvings = 14;
 
 void main() {
   surface = vec4(0.0);
@@ -48,11 +48,12 @@ void main() {
   float level = length(ray.xz);  // for each metre along the ray
   ivec2 last = textureSize(skyline, 0) - 1;
   int column = clamp(int(floor((atan(dot(ray.xz, viewRight.xz), dot(ray.xz, skylineAhead)) + skylineHalf) * skylinePerRadian)), 0, last.x);
-  float t = near, above = near;
-  // Grazing rays near the ground take the most steps: ln(far / near) / (0.2 / 700) is 40,000 at 720 lines.
-  for (int k = 0; k < 1000000; ++k) {
+  float t = near, above = near, below = 0.0;  // 0: no step has ended below the ground
+  // Steps forwards, then the halvings of the last of them: one loop, since drivers put the terrain's function in at every call. Grazing
+  // rays near the ground take the most steps: ln(far / near) / (0.2 / 700) is 40,000 at 720 lines.
+  for (int k = 0, halvings = 0; k < 1000000 && halvings <= kHalvings; ++k) {
     float widest = far;
-    if (level * t >= skylineBegin(0)) {
+    if (below == 0.0 && level * t >= skylineBegin(0)) {
       int cell = min(skylineCell(level * t), last.y);
       float leaves = min(skylineBegin(cell + 1) / level, far);
       float ground = max(texelFetch(skyline, ivec2(column, cell), 0).r, texelFetch(skyline, ivec2(min(column + 1, last.x), cell), 0).r);
@@ -64,17 +65,17 @@ void main() {
       }
       widest = 0.5 * sampleWidth * t;  // no step over what is half a sample wide, however deep the ground before it
     }
-    float gap = marchGap(ray * t);
-    if (gap <= 0.0) break;
-    if (t >= far) return;
-    above = t;
-    t = min(t + max(max(min(0.1 * gap, widest), 0.2 * sampleWidth * t), 0.005) / marchFineness, far);
+    float gap = viewCameraY + ray.y * t - marchHeight(ray.xz * t);
+    if (gap <= 0.0) below = t;
+    else if (below == 0.0 && t >= far) return;
+    else above = t;
+    if (below > 0.0) {
+      t = 0.5 * (above + below);
+      ++halvings;
+    } else {
+      t = min(t + max(max(min(0.1 * gap, widest), 0.2 * sampleWidth * t), 0.005) / marchFineness, far);
+    }
   }
-  float below = t;
-  for (int k = 0; k < 14; ++k) {
-    float middle = 0.5 * (above + below);
-    if (marchGap(ray * middle) > 0.0) above = middle; else below = middle;
-  }
-  surface = vec4(ray * (0.5 * (above + below)), 1.0);
+  surface = vec4(ray * t, 1.0);
 }
 #endif

@@ -51,21 +51,21 @@ vec3 shadeGround(vec4 s, float range) {
   vec2 fraction;
   viewLocate(s.xz, cell, fraction);
   float footprint = viewFilter(dot(s.xyz, viewForward));
-  // The height that colours depend on is the terrain's own, not the mesh's: like the normal it then follows from x and z alone, so that
-  // what is left between the two renderings is where the surface is, not how it is painted.
-  float height = terrainHeight(cell, fraction, 0.0, viewSeed);
+  // The heights that colours depend on are the terrain's own, not the mesh's: they then follow from x and z alone, so that what is left
+  // between the two renderings is where the surface is, not how it is painted.
 #ifdef SHADE_RASTER
-  float reach = max(footprint, rasterPitchMetres);
-  float least = min(min(heightNear(cell, fraction, -reach, -reach, footprint, viewSeed), heightNear(cell, fraction, reach, reach, footprint, viewSeed)),
-                    min(heightNear(cell, fraction, -reach, reach, footprint, viewSeed), heightNear(cell, fraction, reach, -reach, footprint, viewSeed)));
-  if (min(height, least) <= kUnknownHeight) {
+  float reach = max(footprint, rasterPitchMetres), least = 3.0e38;
+  for (int i = 0; i < 5; ++i) {
+    vec2 corner = i == 4 ? vec2(0.0) : vec2((i & 1) == 0 ? -reach : reach, i < 2 ? -reach : reach);
+    least = min(least, heightNear(cell, fraction, corner.x, corner.y, i == 4 ? 0.0 : footprint, viewSeed));
+  }
+  if (least <= kUnknownHeight) {
     vec3 normal = shadeMeshNormal(s.xyz);
     vec3 albedo = terrainColor(cell, fraction, viewCameraY + s.y, normal, footprint, viewSeed);
     return shadeThroughAir(albedo * shadePlainLight(normal), direction, range);
   }
 #endif
-  vec3 normal = terrainNormal(cell, fraction, footprint, viewSeed);
-  return shadeGroundAt(cell, fraction, height, normal, footprint, direction, range, viewHorizon, viewSeed);
+  return shadeTerrain(cell, fraction, footprint, direction, range, viewHorizon, viewSeed);
 #endif
 }
 

@@ -10,21 +10,6 @@ float heightNear(ivec2 cell, vec2 fraction, float dx, float dz, float footprint,
   return terrainHeight(ivec2(cell.x + int(whole.x), cell.y + int(whole.y)), vec2(f.x - whole.x, f.y - whole.y), footprint, seed);
 }
 
-// Unit normal of the surface as seen at this footprint: central differences of filtered heights, whole steps apart. In a loop: drivers
-// put the terrain's function in at every call, and compile as long as there are calls.
-vec3 terrainNormal(ivec2 cell, vec2 fraction, float footprint, uint seed) {
-  float reach = max(0.2f, 0.35f * footprint);
-  reach = floor(reach * 256.0f + 0.5f) * 0.00390625f;
-  float x = 0.0f;
-  float z = 0.0f;
-  for (int i = 0; i < 4; ++i) {
-    float side = (i & 1) == 0 ? -1.0f : 1.0f;
-    float ground = heightNear(cell, fraction, i < 2 ? side * reach : 0.0f, i < 2 ? 0.0f : side * reach, footprint, seed);
-    if (i < 2) x -= side * ground; else z -= side * ground;
-  }
-  return normalize(vec3(x, 2.0f * reach, z));
-}
-
 // The sky in a unit direction (+Y up).
 vec3 skyColor(vec3 direction) {
   float up = max(direction.y, 0.0f);
@@ -40,48 +25,50 @@ float clearness(float distance, float horizon) {
   return haze * (1.0f - smoothstep(0.5f, 1.0f, t));
 }
 
-// Share of the sun that reaches a point: the terrain towards the sun, ever coarser with distance, against the sun's ray.
-float sunlight(ivec2 cell, vec2 fraction, float height, float footprint, uint seed) {
-  float open = 1.0f;
-  float reach = 20.0f + 2.0f * footprint;
+// The colour of the terrain's surface at a place in linear light, haze included. viewDirection: unit, from the eye to the point; distance:
+// from the eye, metres; horizon: where the world ends, metres.
+// All heights that it depends on in one loop: drivers put the terrain's function in at every call, and compile as long as there are calls.
+vec3 shadeTerrain(ivec2 cell, vec2 fraction, float footprint, vec3 viewDirection, float distance, float horizon, uint seed) {
+  float reach = floor(max(0.2f, 0.35f * footprint) * 256.0f + 0.5f) * 0.00390625f;  // whole steps
   float level = sqrt(kSunDirection.x * kSunDirection.x + kSunDirection.z * kSunDirection.z);
-  for (int i = 0; i < 9; ++i) {
-    float coarse = max(footprint, 0.22f * reach);
-    float ground = heightNear(cell, fraction, reach * kSunDirection.x / level, reach * kSunDirection.z / level, coarse, seed);
-    float gap = height + reach * kSunDirection.y / level - ground;
-    open = min(open, 0.5f + gap / (0.16f * reach + 4.0f));
-    if (open <= 0.0f) break;
-    reach = reach * 1.75f;
+  float toSun = 20.0f + 2.0f * footprint;
+  float height = 0.0f;
+  vec3 normal = vec3(0.0f, 2.0f * reach, 0.0f);  // of the surface as seen at this footprint: central differences of filtered heights
+  float open = 1.0f;  // to the sky, of which hollows see less: the height against its surroundings, 40 m and 300 m wide
+  float sun = 1.0f;   // its share that comes past the terrain towards it, taken ever coarser with distance
+  for (int i = 0; i < 16 && sun > 0.0f; ++i) {
+    vec2 away = vec2(0.0f, 0.0f);
+    float width = footprint;
+    float side = (i & 1) == 0 ? reach : -reach;
+    if (i == 0) width = 0.0f;
+    else if (i < 3) away.x = side;
+    else if (i < 5) away.y = side;
+    else if (i < 7) width = max(footprint, i == 5 ? 60.0f : 500.0f);
+    else {
+      away = vec2(kSunDirection.x, kSunDirection.z) * (toSun / level);
+      width = max(footprint, 0.22f * toSun);
+    }
+    float ground = heightNear(cell, fraction, away.x, away.y, width, seed);
+    if (i == 0) height = ground;
+    else if (i < 3) normal.x -= sign(side) * ground;
+    else if (i < 5) normal.z -= sign(side) * ground;
+    else if (i < 7) open -= (i == 5 ? 0.018f : 0.0022f) * (ground - height);
+    else {
+      float gap = height + toSun * kSunDirection.y / level - ground;
+      sun = min(sun, 0.5f + gap / (0.16f * toSun + 4.0f));
+      toSun = toSun * 1.75f;
+    }
+    if (i == 6 && dot(normal, kSunDirection) <= 0.0f) sun = 0.0f;
   }
-  return smoothstep(0.0f, 1.0f, open);
-}
-
-// The colour of a surface with this height and normal in linear light, fog included. viewDirection: unit, from the eye to the point;
-// distance: from the eye, metres; horizon: where the world ends, metres.
-vec3 shadeGroundAt(ivec2 cell, vec2 fraction, float height, vec3 normal, float footprint, vec3 viewDirection, float distance, float horizon,
-                   uint seed) {
-  vec3 albedo = terrainColor(cell, fraction, height, normal, footprint, seed);
-  // Hollows see less of the sky: the height against its surroundings, 40 m and 300 m wide.
-  float open = 1.0f;
-  for (int i = 0; i < 2; ++i) {
-    float around = terrainHeight(cell, fraction, max(footprint, i == 0 ? 60.0f : 500.0f), seed) - height;
-    open -= (i == 0 ? 0.018f : 0.0022f) * around;
-  }
+  normal = normalize(normal);
+  sun = smoothstep(0.0f, 1.0f, sun) * max(dot(normal, kSunDirection), 0.0f);
   open = min(max(open, 0.45f), 1.15f);
-  float facing = dot(normal, kSunDirection);
-  float sun = max(facing, 0.0f);
-  if (sun > 0.0f) sun = sun * sunlight(cell, fraction, height, footprint, seed);
   vec3 light = vec3(2.75f, 2.4f, 1.9f) * sun;
   light += vec3(0.27f, 0.38f, 0.56f) * (open * (0.55f + 0.45f * normal.y));
   // What the sunlit ground around throws back, mostly onto faces turned away from the sun.
   light += vec3(0.16f, 0.14f, 0.11f) * (open * max(0.5f - 0.5f * dot(normal, vec3(kSunDirection.x, -0.3f, kSunDirection.z)), 0.0f));
+  vec3 albedo = terrainColor(cell, fraction, height, normal, footprint, seed);
   return mix(skyColor(viewDirection), albedo * light, clearness(distance, horizon));
-}
-
-// The same of the terrain's own surface.
-vec3 shadeTerrain(ivec2 cell, vec2 fraction, float height, float footprint, vec3 viewDirection, float distance, float horizon, uint seed) {
-  return shadeGroundAt(cell, fraction, height, terrainNormal(cell, fraction, footprint, seed), footprint, viewDirection, distance, horizon,
-                       seed);
 }
 
 // Linear light to what a display takes: a filmic curve (Narkowicz's fit to ACES, 2015), then the display's gamma.

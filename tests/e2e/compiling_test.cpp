@@ -35,13 +35,13 @@ TEST_F(Window, ATerrainThatTheDriverRejectsIsToldAndTheMeshIsStillShown) {
   // Sound for itself, and so for the server; but the ray march has a function of this name already.
   std::string text = readText(RIDGECAST_PATHS "/../../../common/terrain/tutorial/dunes.glsl");
   ASSERT_FALSE(text.empty());
-  text += "\nfloat marchGap(vec3 offset) { return offset.x; }\n";
+  text += "\nfloat marchHeight(vec2 offset) { return offset.x; }\n";
   std::ofstream(folder_ / "clash.glsl") << text;
   ServerProcess server(RIDGECAST_SERVER, {"--terrain", (folder_ / "clash.glsl").string(), "--terrain-cache", (folder_ / "cache").string()});
   open({"--threshold", "8", "--reduced-motion"}, server.url());
   ASSERT_TRUE(opened()) << viewer_->output();
-  EXPECT_TRUE(says("marchGap")) << viewer_->output();  // once the driver has compiled it beside
-  EXPECT_NE(viewer_->output().find("neutral colours", viewer_->output().find("marchGap")), std::string::npos) << viewer_->output();
+  EXPECT_TRUE(says("marchHeight")) << viewer_->output();  // once the driver has compiled it beside
+  EXPECT_NE(viewer_->output().find("neutral colours", viewer_->output().find("marchHeight")), std::string::npos) << viewer_->output();
   press({"f"});
   EXPECT_GT(range(rested()), 10) << "no landscape";
   close();

@@ -39,7 +39,7 @@ TEST(Glsl, compilesInEveryDialect) {
           version, *create(d.name, 1).value(),
           "out vec4 colour;\n"
           "void main() {\n"
-          "  vec3 c = shadeTerrain(ivec2(1, 2), gl_FragCoord.xy * 0.001, 3.0, 0.1, vec3(0.0, 0.0, 1.0), 1.0, 2.0, 3u);\n"
+          "  vec3 c = shadeTerrain(ivec2(1, 2), gl_FragCoord.xy * 0.001, 0.1, vec3(0.0, 0.0, 1.0), 1.0, 2.0, 3u);\n"
           "  colour = vec4(toDisplay(c + skyColor(vec3(0.0, 1.0, 0.0))), 1.0);\n"
           "}\n");
       const int status = std::system(("glslangValidator " + file.string() + " > " + log.string() + " 2>&1").c_str());
