@@ -26,6 +26,7 @@ struct rc_terrain {
   ridgecast::query::Ground ground;
   rc_world* world = nullptr;  // that it belongs to
   const std::vector<std::string> ownMaterials = ground.ownMaterials();
+  const ridgecast::terrain::Relief::Known known = ground.known();
   bool isAsked() const { return ground.source() == ridgecast::query::Ground::Source::kServer; }
 };
 

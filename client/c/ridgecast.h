@@ -105,6 +105,8 @@ typedef struct rc_hit {
    for height maps and edits, measured for built-in terrains. Terrains of GLSL files are sampled every 1/4 m, or 1/1024 of the distance,
    and any thinner obstacle may be missed. */
 rc_status rc_terrain_rays(rc_terrain* terrain, const rc_ray* rays, size_t count, rc_hit* hits);
+/* Which of these holds for this terrain: "proven", "measured" or "sampled". */
+const char* rc_terrain_known(const rc_terrain* terrain);
 
 /* ---- ground under bodies: tiles of heights that follow them, for physics engines ---- */
 

@@ -190,6 +190,10 @@ const char* rc_terrain_material(const rc_terrain* terrain, uint8_t material) {
   return name.empty() ? nullptr : name.data();  // of a literal, or a string
 }
 
+const char* rc_terrain_known(const rc_terrain* terrain) {
+  return terrain::kKnownNames[terrain ? static_cast<std::size_t>(terrain->known) : 0].data();
+}
+
 rc_status rc_terrain_rays(rc_terrain* terrain, const rc_ray* rays, size_t count, rc_hit* hits) {
   return guarded([&] {
     if (!terrain || (count > 0 && (!rays || !hits))) return fail(RC_INVALID, "rays need a terrain, and room for their hits");

@@ -83,6 +83,8 @@ class Ground {
   // What the ground is made of (terrain/materials.h).
   Outcome<void> materials(std::span<const lattice::Step> x, std::span<const lattice::Step> z, std::span<std::uint8_t> out) const;
   std::vector<std::string> ownMaterials() const;
+  // What cast() and hits() are worth (common/ground).
+  terrain::Relief::Known known() const { return local_ ? local_->relief().known : connection_->world().known; }
   // Metres along each ray to the ground; ground::kNoHit if it meets none. A ray out of PROTOCOL.md's ranges is an error that names the
   // field, the same from both sources; the connection lives.
   Outcome<void> cast(std::span<const ground::Ray> rays, std::span<double> out) const;

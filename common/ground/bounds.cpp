@@ -40,7 +40,7 @@ constexpr std::size_t slotOf(int a, int b, int across) {
 Reader::Reader(const terrain::Terrain& terrain)
     : ground_(terrain.unedited()),
       edits_(terrain.edits()),
-      isMap_(terrain.relief().kind == terrain::Relief::Kind::kMap),
+      isMap_(terrain.relief().known == terrain::Relief::Known::kProven),
       highest_(terrain.relief().highest),
       kept_(keptWith<Bounds, kMaxKept>(terrain.unedited())) {
   if (isMap_) {

@@ -20,7 +20,7 @@ double cast(const terrain::Terrain& terrain, const Ray& ray, std::uint64_t* heig
 
 void cast(const terrain::Terrain& terrain, std::span<const Ray> rays, std::span<double> out, std::uint64_t* heights) {
   expects(out.size() == rays.size(), "each ray has its distance");
-  const bool isKnown = terrain.relief().kind != terrain::Relief::Kind::kUnknown;
+  const bool isKnown = terrain.relief().known != terrain::Relief::Known::kSampled;
   for (std::size_t k = 0; k < rays.size(); k += isKnown ? kPacket : 1) {
     if (!isKnown) {
       out[k] = march(terrain, rays[k], heights);

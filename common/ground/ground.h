@@ -27,9 +27,9 @@ struct Ray {
 // Bounds of the ground over squares say where a ray may meet it; there the ground itself is asked. They are made where rays come by and
 // kept with the terrain, at most 60 MiB and 4 MiB more once all terrains of the process have 110; the least recently used are forgotten,
 // and no answer depends on what is kept. What they are worth depends on what is known of the ground (terrain::Relief):
-//   kMap      proven: a contact is missed only if it is shorter than max(1/64 m, distance / 16,384) along the ray
-//   kOctaves  the same, but measured: made from the unevenness of samples nearby, not proven
-//   kUnknown  no bounds: samples every max(1/4 m, distance / 1,024) along the ray, so a thinner obstacle may be missed (march.h)
+//   kProven    a contact is missed only if it is shorter than max(1/64 m, distance / 16,384) along the ray
+//   kMeasured  the same, but made from the unevenness of samples nearby, not proven
+//   kSampled   no bounds: samples every max(1/4 m, distance / 1,024) along the ray, so a thinner obstacle may be missed (march.h)
 // Edits of either kind of known ground have proven bounds.
 //
 // Equal bits whatever the threads, the instruction set and the company of a ray. Adds the heights that it took to `heights`, if given: some

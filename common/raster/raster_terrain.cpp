@@ -96,7 +96,7 @@ class RasterTerrain final : public terrain::Terrain, public terrain::Raster {
 
   terrain::Relief relief() const override {
     const terrain::RasterBounds bounds = terrain::boundsOf(shape_);
-    return {terrain::Relief::Kind::kMap, bounds.lowest, bounds.highest};
+    return {terrain::Relief::Known::kProven, bounds.lowest, bounds.highest};
   }
   Range range(std::int64_t x, std::int64_t z, std::int64_t columns, std::int64_t rows) const override {
     const auto along = [edge = map_->edge](std::int64_t from, std::int64_t count, std::uint32_t n) -> std::optional<Along> {

@@ -45,7 +45,7 @@ class BuiltIn final : public Terrain {
   std::string_view name() const override { return kBuiltIn[index_].name; }
   std::string_view source() const override { return parameters_.values.empty() ? kBuiltIn[index_].source : parameters_.source; }
   std::uint32_t seed() const override { return seed_; }
-  Relief relief() const override { return {Relief::Kind::kOctaves, kBuiltIn[index_].lowest, kBuiltIn[index_].highest}; }
+  Relief relief() const override { return {Relief::Known::kMeasured, kBuiltIn[index_].lowest, kBuiltIn[index_].highest}; }
   Colours colours() const override {
     return [f = functions_.colours, values = parameters_.values](const lattice::Step* x, const lattice::Step* z, const float* height,
                                                                  const std::array<float, 3>* normal, float footprint,

@@ -38,14 +38,15 @@ std::int32_t toSteps(float metres);
 
 // What is known of heights between places, so that rays need not look everywhere (common/ground).
 struct Relief {
-  enum class Kind {
-    kUnknown,  // nothing
-    kOctaves,  // noise: as uneven between samples as from one sample to the next
-    kMap,      // Terrain::raster() with its bicubic between samples (raster_cubic.glsl)
+  enum class Known : std::uint8_t {
+    kSampled,   // nothing
+    kMeasured,  // noise: as uneven between samples as from one sample to the next
+    kProven,    // Terrain::raster() with its bicubic between samples (raster_cubic.glsl)
   };
-  Kind kind = Kind::kUnknown;
-  double lowest = 0, highest = 0;  // metres: no height lies beyond, but for edits; of kUnknown: 0
+  Known known = Known::kSampled;
+  double lowest = 0, highest = 0;  // metres: no height lies beyond, but for edits; of kSampled: 0
 };
+inline constexpr std::string_view kKnownNames[] = {"sampled", "measured", "proven"};
 
 // What others keep with a terrain while it lives.
 class Kept {

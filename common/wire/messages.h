@@ -171,6 +171,7 @@ struct World {
   std::uint64_t compacted = 0;                      // edits up to this one are never sent
   std::string resumeKey{};                          // names this camera to the server that goes on with it; empty: none would
   std::string materials{};                          // the terrain's own, by spaces (terrain/materials.h)
+  terrain::Relief::Known known{};                   // of heights between places, for rays
   // Where a client that asked for no place starts, instead of `at`: a map may lie elsewhere (place=geo).
   lattice::Point onMap(lattice::Point at) const { return heightMap && !heightMap->area().holds(at) ? heightMap->middle() : at; }
 };

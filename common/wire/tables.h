@@ -83,6 +83,7 @@ inline constexpr const char* kMetricNames[] = {"METRIC_DEFAULT", "METRIC_PIXELS"
 inline constexpr const char* kPacingNames[] = {"PACING_FREE", "PACING_LOCKSTEP"};
 inline constexpr const char* kRoleNames[] = {"ROLE_VIEWER", "ROLE_SENSOR"};
 inline constexpr const char* kClockModeNames[] = {"CLOCK_REAL_TIME", "CLOCK_SCALED", "CLOCK_STEPPED"};
+inline constexpr const char* kKnownNames[] = {"KNOWN_SAMPLED", "KNOWN_MEASURED", "KNOWN_PROVEN"};
 inline constexpr const char* kErrorCodeNames[] = {"CODE_UNSPECIFIED", "CODE_VERSION", "CODE_MALFORMED", "CODE_INVALID",
                                                   "CODE_LIMIT", "CODE_NOT_FOUND", "CODE_INTERNAL", "CODE_GOING_AWAY"};
 inline constexpr auto kPitch = Range{terrain::kMinPitch, terrain::kMaxPitch, "parts"};  // of a step, 2^20 of them
@@ -259,7 +260,8 @@ TABLE(World, World,
     FIELD(12, camera, camera), FIELD(13, revision, revision), FIELD(20, height_map, heightMap), FIELD(21, shaded_vertices, shadedVertices),
     FIELD(22, edit, edit), FIELD(23, compacted, compacted),
     FIELD(24, resume_key, resumeKey, Bytes{kMaxResumeKeyBytes}),
-    FIELD(25, materials, materials, Valid{"at most 64 names of 1 to 32 of a-z 0-9 _ -, by spaces", materialsAreValid}));
+    FIELD(25, materials, materials, Valid{"at most 64 names of 1 to 32 of a-z 0-9 _ -, by spaces", materialsAreValid}),
+    FIELD(26, known, known, OneOfOrFirst{{kKnownNames}}));
 
 TABLE(Figures, IterationStats,
     FIELD(1, select_ms, selectMs, kMs),

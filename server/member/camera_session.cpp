@@ -77,6 +77,7 @@ wire::World worldOf(const session::Session& session, const wire::Settings& grant
     world.shadedVertices = static_cast<bool>(terrain.colours());
   }
   for (const std::string& material : terrain.ownMaterials()) world.materials += (world.materials.empty() ? "" : " ") + material;
+  world.known = terrain.relief().known;
   world.seed = terrain.seed();
   world.contentHash = session.contentHash();
   world.horizon = pipeline::Pipeline::kHorizon;

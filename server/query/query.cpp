@@ -29,7 +29,7 @@ std::uint64_t Answering::work() {
   expects(begin < size_, "some of the answer is left");
   if (query_.kind == wire::QueryKind::kRays) {
     std::uint64_t heights = 0;
-    done_ = std::min(begin + (terrain_->relief().kind == terrain::Relief::Kind::kUnknown ? 1 : kRays), size_);
+    done_ = std::min(begin + (terrain_->relief().known == terrain::Relief::Known::kSampled ? 1 : kRays), size_);
     ground::cast(*terrain_, std::span(query_.rays).subspan(begin, done_ - begin),
                  std::span(answer_.distances).subspan(begin, done_ - begin), &heights);
     return heights;

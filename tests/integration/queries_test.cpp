@@ -150,6 +150,8 @@ TEST_F(QueriesTest, MaterialsAndTheirNamesComeFromTheServer) {
   terrain::create("alpine", 11).value()->materials(p.x, p.z, expected);
   EXPECT_EQ(got, expected);
   EXPECT_THAT(local.ownMaterials(), testing::ElementsAre("water", "wood"));
+  EXPECT_EQ(remote.known(), terrain::Relief::Known::kMeasured);
+  EXPECT_EQ(local.known(), terrain::Relief::Known::kMeasured);
 }
 
 TEST_F(QueriesTest, AMeshKeepsItsBoundOnADenseSample) {

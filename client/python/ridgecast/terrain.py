@@ -151,6 +151,11 @@ class Questions:
         out[nowhere, 0] = np.inf
         return Hits(out[:, 0].reshape(shape), out[:, 1:4].reshape(shape + (3,)), out[:, 4:].reshape(shape + (3,)))
 
+    @property
+    def known(self) -> str:
+        """Which of these holds for the rays of this terrain: "proven", "measured" or "sampled"."""
+        return str(ffi.string(lib.rc_terrain_known(self._terrain)).decode())
+
     def scan(self, at: ArrayLike, pattern: ArrayLike, turn: ArrayLike = (0, 0, 0, 1), *, reach: float = 100.0, noise: float = 0.0,
              dropouts: float = 0.0, seed: int = 0) -> Scan:
         """What sensors at points (..., 3) measure whose beams are the pattern (k..., 3): `rc.lidar(64)`, `rc.rosette()`, `rc.pinhole(...)`, or

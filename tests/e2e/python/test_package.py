@@ -75,6 +75,7 @@ class TerrainTest(unittest.TestCase):
         np.testing.assert_allclose(hits.at, origins + unit * hits.distance[:, None], atol=1 / 256)
         np.testing.assert_allclose(canyon.heights(hits.at[:, [0, 2]]), hits.at[:, 1], atol=0.5)  # walls are steep
         self.assertEqual(canyon.rays([0, 4000, 0], [0, 1, 0]).distance, np.inf)
+        self.assertEqual(canyon.known, "measured")
 
     def test_what_is_no_real_number_is_refused(self) -> None:
         alpine = rc.Terrain("alpine")
@@ -312,6 +313,7 @@ class WorldTest(unittest.TestCase):
             with rc.server(str(hill), raster=names.split(), classes=str(cover), quiet=True) as server, rc.join(server.url) as world:
                 self.assertFalse(world.is_local)
                 self.assertEqual(world.material_names, ground.material_names)
+                self.assertEqual((world.known, ground.known), ("proven", "proven"))
                 with urllib.request.urlopen(server.http + "/v1/sessions") as answer:
                     self.assertEqual(json.load(answer)["sessions"][0]["materials"], ["forest"])
                 np.testing.assert_array_equal(world.materials(at), ground.materials(at))

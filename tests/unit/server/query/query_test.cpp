@@ -195,6 +195,7 @@ TEST_F(QueryHttpTest, NormalsAndRays) {
   const auto rays = get("/v1/rays?ray=0,9000,0,0,-1,0&ray=0,9000,0,0,1,0&reach=20000");
   EXPECT_THAT(rays.body, testing::StartsWith("{\"rays\": [{\"distance\": "));
   EXPECT_THAT(rays.body, HasSubstr("}, null]}"));
+  EXPECT_THAT(rays.headers, testing::Contains(std::pair<std::string, std::string>("Ridgecast-Known", "measured")));
 }
 
 TEST_F(QueryHttpTest, SaysWhatIsWrong) {
