@@ -78,8 +78,7 @@ class Fields {
   std::uint32_t material() {
     const Json* value = find("material");
     if (!value) return 0;
-    for (std::uint32_t k = 0; k < kMaterials; ++k)
-      if (*value == terrain::kMaterials[k]) return k + 1;
+    if (const std::uint32_t number = value->is_string() ? terrain::materialNumber(value->get<std::string>()) : 0) return number;
     return static_cast<std::uint32_t>(fail("material", "must be earth, rock, gravel, sand, grass, asphalt, concrete or snow"));
   }
   template <class T>

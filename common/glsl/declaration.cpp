@@ -74,10 +74,9 @@ Outcome<std::vector<std::string>> readMaterials(const std::string& where, std::s
     const std::string name(trimmed(text::takePart(names, ',')));
     if (!terrain::isMaterialName(name))
       return Error{where + "'" + name + "' names no material: 1 to 32 of a-z 0-9 _ -, with commas between"};
-    if (const auto shared = std::ranges::find(terrain::kMaterials, name); shared != terrain::kMaterials.end())
-      return Error{where + name + " is number " + std::to_string(shared - terrain::kMaterials.begin() + 1) +
-                   " on every terrain: leave it out here"};
-    if (std::ranges::find(out, name) != out.end()) return Error{where + name + " is there twice"};
+    if (const auto shared = terrain::materialNumber(name))
+      return Error{where + name + " is number " + std::to_string(shared) + " on every terrain: leave it out here"};
+    if (terrain::materialNumber(name, out) != 0) return Error{where + name + " is there twice"};
     out.push_back(name);
   }
   if (out.empty() || out.size() > terrain::kMaxOwnMaterials)

@@ -46,9 +46,7 @@ Outcome<Classes> Classes::read(const RasterOptions& options, const RasterHeader&
   const auto grid = gridOf(name, header, map, shape);
   if (!grid) return grid.error();
   const std::uint64_t bytes = std::uint64_t{sizeof(std::int32_t)} * header.width * header.height;
-  if (bytes > most)
-    return Error{name + ": the map of classes takes " + std::to_string((bytes + 999'999) / 1'000'000) + " MB, and " +
-                 std::to_string(most / 1'000'000) + " MB are left for height maps and what lies on them: make it coarser (gdalwarp -tr)"};
+  if (auto fits = judgeSize(bytes, most, name, "map of classes"); !fits) return fits.error();
   auto samples = Samples::create(header.width, header.height, bytes <= inMemory ? bytes : 0);
   if (!samples) return Error{name + ": " + samples.error().message};
   Classes out(std::move(*samples));
@@ -64,12 +62,8 @@ Outcome<void> Classes::fill(RasterFile& file, const RasterOptions& options, cons
   const std::string name = options.classes.string();
   std::unordered_map<std::int32_t, std::uint8_t> materialOf;
   for (const NamedClass& named : options.named) {
-    const auto shared = std::ranges::find(terrain::kMaterials, named.material);
-    auto own = std::ranges::find(own_, named.material);
-    if (shared == terrain::kMaterials.end() && own == own_.end()) own = own_.insert(own_.end(), named.material);
-    materialOf[named.value] =
-        static_cast<std::uint8_t>(1 + (shared != terrain::kMaterials.end() ? shared - terrain::kMaterials.begin()
-                                                                           : std::ssize(terrain::kMaterials) + (own - own_.begin())));
+    if (terrain::materialNumber(named.material, own_) == 0) own_.push_back(named.material);
+    materialOf[named.value] = terrain::materialNumber(named.material, own_);
   }
   const RasterHeader& header = file.header();
   std::vector<double> values(header.width);
@@ -78,9 +72,10 @@ Outcome<void> Classes::fill(RasterFile& file, const RasterOptions& options, cons
   for (std::uint32_t j = 0; j < header.height; ++j) {
     if (stop.stop_requested()) return Error{name + ": stopped"};
     if (auto read = file.row(values); !read) return read.error();
+    const std::span<std::int32_t> row = materials_.row(j);
     for (std::uint32_t i = 0; i < header.width; ++i) {
       const double v = values[i];
-      materials_.row(j)[i] = 0;
+      row[i] = 0;
       if (std::isnan(v) || (header.noData && v == *header.noData)) continue;
       constexpr double kFirst = std::numeric_limits<std::int32_t>::min(), kLast = std::numeric_limits<std::int32_t>::max();
       if (!(v >= kFirst && v <= kLast && v == std::floor(v)))
@@ -88,7 +83,7 @@ Outcome<void> Classes::fill(RasterFile& file, const RasterOptions& options, cons
                      "; classes are whole numbers"};
       const auto value = static_cast<std::int32_t>(v);
       if (const auto found = materialOf.find(value); found != materialOf.end()) {
-        materials_.row(j)[i] = found->second;
+        row[i] = found->second;
         ++named;
       } else if (++unnamed[value]; unnamed.size() > kMaxUnnamed) {
         return Error{name + ": more than " + std::to_string(kMaxUnnamed) + " of its values have no name: is it a map of classes?"};

@@ -110,9 +110,7 @@ Outcome<Drape> Drape::read(const std::filesystem::path& path, const Samples& sam
   const int levels = std::bit_width(std::max(header.width, header.height) - 1) + 1;
   std::uint64_t bytes = 0;
   for (int level = 0; level < levels; ++level) bytes += std::uint64_t{4} * sideAt(header.width, level) * sideAt(header.height, level);
-  if (bytes > most)
-    return Error{name + ": the picture takes " + std::to_string((bytes + 999'999) / 1'000'000) + " MB, and " +
-                 std::to_string(most / 1'000'000) + " MB are left for height maps and pictures: make it coarser (gdalwarp -tr)"};
+  if (auto fits = judgeSize(bytes, most, name, "picture"); !fits) return fits.error();
   Drape out;
   for (int level = 0; level < levels; ++level) {
     auto made = Samples::create(sideAt(header.width, level), sideAt(header.height, level), bytes <= inMemory ? bytes : 0);

@@ -45,6 +45,12 @@ PixelGrid gridOfSamples(const terrain::RasterShape& shape) {
   return {{shape.x.origin, 0, 1 / shape.x.steps()}, {shape.z.origin, 0, 1 / shape.z.steps()}};
 }
 
+Outcome<void> judgeSize(std::uint64_t bytes, std::uint64_t most, const std::string& name, const std::string& what) {
+  if (bytes <= most) return {};
+  return Error{name + ": the " + what + " takes " + inMegabytes(bytes) + ", and " + std::to_string(most / 1'000'000) +
+               " MB are left for height maps and what lies on them: make it coarser (gdalwarp -tr)"};
+}
+
 Outcome<PixelGrid> gridOn(const terrain::RasterShape& shape, const RasterHeader& map, const RasterHeader& pixels, const std::string& name,
                           const std::string& what) {
   if (auto fine = judgePlace(name, pixels, map, what); !fine) return fine.error();

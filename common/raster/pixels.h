@@ -24,6 +24,8 @@ struct PixelGrid {
 
 // A pixel for each of the map's samples, where it lies.
 PixelGrid gridOfSamples(const terrain::RasterShape& shape);
+// Error, for the file of this name: its pixels take more than are left, `most`.
+Outcome<void> judgeSize(std::uint64_t bytes, std::uint64_t most, const std::string& name, const std::string& what);
 // By the places that both files state. Error, for the file of this name that holds `what`, "a picture": another CRS than the map's, or
 // none; pixels too small or too large; it lies beside the map.
 Outcome<PixelGrid> gridOn(const terrain::RasterShape& shape, const RasterHeader& map, const RasterHeader& pixels, const std::string& name,

@@ -87,7 +87,7 @@ Outcome<void> addRasterOption(std::string_view assignment, RasterOptions& o) {
     o.detail = detail;
   } else if (name == "class") {
     const auto number = text::number<std::int32_t>(text::takePart(value, ':'));
-    const auto isOwn = [](const NamedClass& n) { return std::ranges::find(terrain::kMaterials, n.material) == terrain::kMaterials.end(); };
+    const auto isOwn = [](const NamedClass& n) { return terrain::materialNumber(n.material) == 0; };
     if (!number || !terrain::isMaterialName(value))
       return wrong(
           "class is VALUE:NAME, what a value of --classes stands for, such as 10:forest: a whole number, and 1 to 32 of a-z 0-9 _ -");

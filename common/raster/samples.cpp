@@ -20,8 +20,6 @@
 namespace ridgecast::raster {
 namespace {
 
-std::string inMegabytes(std::uint64_t bytes) { return std::to_string((bytes + 999'999) / 1'000'000) + " MB"; }
-
 // A column's nearest known samples above the row at hand, and below.
 struct Column {
   std::int64_t above = -1, below = -1;  // rows; -1: none, or not yet looked for
@@ -96,6 +94,8 @@ class Filling {
 };
 
 }  // namespace
+
+std::string inMegabytes(std::uint64_t bytes) { return std::to_string((bytes + 999'999) / 1'000'000) + " MB"; }
 
 std::uint64_t Samples::hash() const {
   std::uint64_t hash = 0;

@@ -6,11 +6,14 @@
 #include <cstdint>
 #include <limits>
 #include <span>
+#include <string>
 
 #include "common/outcome/contract.h"
 #include "common/outcome/outcome.h"
 
 namespace ridgecast::raster {
+
+std::string inMegabytes(std::uint64_t bytes);  // rounded up
 
 // width x height steps, row after row. Owns its pages.
 class Samples {

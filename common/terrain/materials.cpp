@@ -9,6 +9,13 @@ bool isMaterialName(std::string_view name) {
          std::ranges::all_of(name, [](char c) { return (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9') || c == '_' || c == '-'; });
 }
 
+std::uint8_t materialNumber(std::string_view name, std::span<const std::string> own) {
+  const auto shared = std::ranges::find(kMaterials, name);
+  if (shared != kMaterials.end()) return static_cast<std::uint8_t>(1 + (shared - kMaterials.begin()));
+  const auto found = std::ranges::find(own, name);
+  return found == own.end() ? std::uint8_t{0} : static_cast<std::uint8_t>(1 + std::ssize(kMaterials) + (found - own.begin()));
+}
+
 std::string_view materialName(std::uint8_t material, std::span<const std::string> own) {
   if (material == 0) return {};
   if (material <= kMaterials.size()) return kMaterials[material - 1];

@@ -14,6 +14,8 @@ inline constexpr std::array<const char*, 8> kMaterials{"earth", "rock", "gravel"
 inline constexpr std::size_t kMaxOwnMaterials = 64;
 
 bool isMaterialName(std::string_view name);  // 1 to 32 of a-z 0-9 _ -
+// 0: no material has this name.
+std::uint8_t materialNumber(std::string_view name, std::span<const std::string> own = {});
 // Empty: it is not said, or no material has this number.
 std::string_view materialName(std::uint8_t material, std::span<const std::string> own);
 

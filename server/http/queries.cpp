@@ -144,7 +144,8 @@ class QueryTask {
     }
     a.headers.emplace_back(kEditHeader, std::to_string(made_.edit));
     if (form_.kind == QueryKind::kRays)
-      a.headers.emplace_back("Ridgecast-Known", std::string(terrain::kKnownNames[static_cast<std::size_t>(answering_->terrain().relief().known)]));
+      a.headers.emplace_back("Ridgecast-Known",
+                             std::string(terrain::kKnownNames[static_cast<std::size_t>(answering_->terrain().relief().known)]));
     return a;
   }
 
