@@ -387,6 +387,7 @@ Run snapshotCommand(CLI::App& command) {
   command.add_flag("--draco", shot->draco, "compress with Draco");
   command.add_flag("!--no-normals", shot->normals, "omit normals");
   command.add_flag("!--no-colours", shot->colours, "omit vertex colours");
+  command.add_flag("--materials", shot->materials, "add what the ground is made of, by vertex (EXT_structural_metadata)");
   command.add_flag("--metadata", shot->metadata, "write only the metadata, as JSON");
   addNumber(command, "--timeout", shot->timeout, 1, 3600, "timeout for the server, seconds");
   addNumber(command, "--patience", shot->timeout, 1, 3600, "its old name")->group("");

@@ -96,6 +96,7 @@ std::string query(const SnapshotOptions& o) {
   if (o.draco) add("compression", "draco");
   if (!o.normals) add("normals", "0");
   if (!o.colours) add("colours", "0");
+  if (o.materials) add("materials", "1");
   if (o.origin != "cell") add("origin", o.origin);
   if (o.up != "y") add("up", o.up);
   if (o.texture > 0) add("texture", std::to_string(o.texture));

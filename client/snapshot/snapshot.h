@@ -46,7 +46,7 @@ struct SnapshotOptions {
   double spacing = 0;                   // metres, of a .tif; 0: the height map's own
   Pose pose;
   std::uint32_t width = 1280, height = 720;  // pixels, of a pose
-  bool draco = false, normals = true, colours = true, metadata = false;
+  bool draco = false, normals = true, colours = true, materials = false, metadata = false;
   std::string origin = "cell";  // as of server/snapshot/question.h
   std::string up = "y";         // z: of a .ply or .obj
   std::uint32_t texture = 0;    // pixels; 0: none

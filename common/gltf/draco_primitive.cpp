@@ -4,6 +4,7 @@
 #include <bit>
 #include <limits>
 #include <memory>
+#include <type_traits>
 
 #include <draco/compression/config/compression_shared.h>
 #include <draco/compression/expert_encode.h>
@@ -51,10 +52,12 @@ Quantisation quantisationOf(const std::vector<mesh::LocalVertex>& vertices) {
 }
 
 // The attribute's id; -1 where there is none.
-int addAttribute(draco::Mesh& mesh, draco::GeometryAttribute::Type type, const Floats& values) {
+template <class Values>
+int addAttribute(draco::Mesh& mesh, draco::GeometryAttribute::Type type, const Values& values) {
   if (values.empty()) return -1;
+  constexpr bool isOfFloats = std::is_same_v<Values, Floats>;
   draco::GeometryAttribute description;
-  description.Init(type, nullptr, 3, draco::DT_FLOAT32, false, 3 * sizeof(float), 0);
+  description.Init(type, nullptr, isOfFloats ? 3 : 1, isOfFloats ? draco::DT_FLOAT32 : draco::DT_UINT8, false, sizeof values[0], 0);
   const int id = mesh.AddAttribute(description, true, mesh.num_points());
   mesh.attribute(id)->buffer()->Write(0, values.data(), values.size() * sizeof values[0]);
   return id;
@@ -77,6 +80,7 @@ std::optional<DracoPrimitive> compress(const Leaf& leaf) {
   out.position = addAttribute(mesh, draco::GeometryAttribute::POSITION, positions);
   out.normal = addAttribute(mesh, draco::GeometryAttribute::NORMAL, leaf.normals);
   out.colour = addAttribute(mesh, draco::GeometryAttribute::COLOR, colours);
+  out.material = addAttribute(mesh, draco::GeometryAttribute::GENERIC, leaf.materials);
   for (const mesh::Triangle& t : leaf.mesh->triangles)
     mesh.AddFace({draco::PointIndex(t[0]), draco::PointIndex(t[1]), draco::PointIndex(t[2])});
 

@@ -12,8 +12,8 @@ namespace ridgecast::gltf {
 
 struct DracoPrimitive {
   std::vector<std::uint8_t> bytes;
-  std::uint32_t points = 0, triangles = 0;      // as a decoder sees them: points where triangles only touch may be doubled
-  int position = -1, normal = -1, colour = -1;  // ids of the attributes; -1: none
+  std::uint32_t points = 0, triangles = 0;                     // as a decoder sees them: points where triangles only touch may be doubled
+  int position = -1, normal = -1, colour = -1, material = -1;  // ids of the attributes; -1: none
 };
 
 // Returns nothing if Draco cannot hold this leaf.

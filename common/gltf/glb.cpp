@@ -12,6 +12,7 @@
 #include <cstring>
 #include <limits>
 #include <nlohmann/json.hpp>
+#include <set>
 #include <sstream>
 #include <string_view>
 #include <utility>
@@ -22,7 +23,8 @@
 namespace ridgecast::gltf {
 namespace {
 
-constexpr char kDraco[] = "KHR_draco_mesh_compression";
+constexpr char kDraco[] = "KHR_draco_mesh_compression", kFeatures[] = "EXT_mesh_features", kMetadata[] = "EXT_structural_metadata";
+constexpr char kMaterial[] = "_FEATURE_ID_0";
 constexpr std::size_t kMaxBytes = 0xf0000000u;
 constexpr double kNear = 0.5, kFar = 40'000;  // metres, of the camera
 
@@ -56,6 +58,7 @@ class Writer {
   Writer(const Document& document, Compression compression) : document_(document), compression_(compression) {
     stores_[kPositions].stride = stores_[kNormals].stride = 12;
     stores_[kColours].stride = stores_[kPlaces].stride = 8;
+    stores_[kMaterials].stride = 4;
     model_.asset.version = "2.0";
     model_.asset.generator = "Ridgecast";
     scene_.name = "terrain";
@@ -66,7 +69,10 @@ class Writer {
     for (const Leaf& leaf : document_.leaves) {
       expects(leaf.mesh != nullptr, "a leaf has a mesh");
       const auto isOfAll = [&](std::size_t count) { return count == 0 || count == leaf.mesh->vertices.size(); };
-      expects(isOfAll(leaf.normals.size()) && isOfAll(leaf.colours.size()), "all vertices have normals and colours, or none has");
+      expects(isOfAll(leaf.normals.size()) && isOfAll(leaf.colours.size()) && isOfAll(leaf.materials.size()),
+              "all vertices have normals, colours and materials, or none has");
+      expects(std::ranges::all_of(leaf.materials, [&](std::uint8_t m) { return m < document_.materialNames.size(); }),
+              "materials have names");
     }
     if (compression_ == Compression::kDraco) {
       packed_.resize(document_.leaves.size());
@@ -93,7 +99,7 @@ class Writer {
   }
 
  private:
-  enum { kPositions, kNormals, kColours, kPlaces, kShort, kLong, kStores };
+  enum { kPositions, kNormals, kColours, kPlaces, kMaterials, kShort, kLong, kStores };
 
   Outcome<void> add(std::size_t k) {
     const Leaf& leaf = document_.leaves[k];
@@ -121,6 +127,7 @@ class Writer {
     tinygltf::Primitive primitive;
     primitive.mode = TINYGLTF_MODE_TRIANGLES;
     primitive.material = 0;
+    if (!leaf.materials.empty()) primitive.extensions[kFeatures] = featuresOf(leaf.materials);
     if (!draco) {
       addPlain(leaf, primitive);
       return primitive;
@@ -143,11 +150,25 @@ class Writer {
     attribute("POSITION", draco->position, std::move(positions));
     attribute("NORMAL", draco->normal, described(TINYGLTF_TYPE_VEC3, TINYGLTF_COMPONENT_TYPE_FLOAT, draco->points));
     attribute("COLOR_0", draco->colour, described(TINYGLTF_TYPE_VEC3, TINYGLTF_COMPONENT_TYPE_FLOAT, draco->points));
+    attribute(kMaterial, draco->material, described(TINYGLTF_TYPE_SCALAR, TINYGLTF_COMPONENT_TYPE_UNSIGNED_BYTE, draco->points));
     primitive.indices = addAccessor(described(TINYGLTF_TYPE_SCALAR, indexType(draco->points), std::size_t{3} * draco->triangles));
     primitive.extensions[kDraco] = tinygltf::Value(tinygltf::Value::Object{
         {"bufferView", tinygltf::Value(static_cast<int>(model_.bufferViews.size() - 1))}, {"attributes", tinygltf::Value(std::move(ids))}});
     return primitive;
   }
+
+  // The vertices' rows of the table; 0: it is not said.
+  static tinygltf::Value featuresOf(const std::vector<std::uint8_t>& materials) {
+    std::set<std::uint8_t> said(materials.begin(), materials.end());
+    said.erase(0);
+    const auto number = [](std::size_t v) { return tinygltf::Value(static_cast<int>(v)); };
+    return object(
+        {{"featureIds", tinygltf::Value(tinygltf::Value::Array{object({{"featureCount", number(std::max<std::size_t>(1, said.size()))},
+                                                                       {"nullFeatureId", number(0)},
+                                                                       {"attribute", number(0)},
+                                                                       {"propertyTable", number(0)}})})}});
+  }
+  static tinygltf::Value object(tinygltf::Value::Object members) { return tinygltf::Value(std::move(members)); }
 
   static int indexType(std::size_t vertices) {  // 65535 itself is glTF's primitive restart
     return vertices < 65535 ? TINYGLTF_COMPONENT_TYPE_UNSIGNED_SHORT : TINYGLTF_COMPONENT_TYPE_UNSIGNED_INT;
@@ -181,6 +202,12 @@ class Writer {
       tinygltf::Accessor colours = stored(kColours, padded, TINYGLTF_TYPE_VEC3, TINYGLTF_COMPONENT_TYPE_UNSIGNED_SHORT);
       colours.normalized = true;
       primitive.attributes["COLOR_0"] = addAccessor(std::move(colours));
+    }
+    if (!leaf.materials.empty()) {
+      std::vector<std::array<std::uint8_t, 4>> padded;
+      for (const std::uint8_t material : leaf.materials) padded.push_back({material});
+      primitive.attributes[kMaterial] =
+          addAccessor(stored(kMaterials, padded, TINYGLTF_TYPE_SCALAR, TINYGLTF_COMPONENT_TYPE_UNSIGNED_BYTE));
     }
     if (document_.texture)
       primitive.attributes["TEXCOORD_0"] =
@@ -269,15 +296,19 @@ class Writer {
       s.view = static_cast<int>(model_.bufferViews.size());
       model_.bufferViews.push_back(std::move(view));
     }
-    if (document_.texture) {
+    const auto addView = [&](std::string_view bytes) {
+      data.resize(aligned(data.size()));
       tinygltf::BufferView view;
       view.buffer = 0;
       view.byteOffset = data.size();
-      view.byteLength = document_.texture->png.size();
-      data.insert(data.end(), document_.texture->png.begin(), document_.texture->png.end());
-      data.resize((data.size() + 3) / 4 * 4);
-      model_.bufferViews.push_back(std::move(view));  // the last
-    }
+      view.byteLength = bytes.size();
+      data.insert(data.end(), bytes.begin(), bytes.end());
+      data.resize(aligned(data.size()));
+      model_.bufferViews.push_back(std::move(view));
+      return tinygltf::Value(static_cast<int>(model_.bufferViews.size() - 1));
+    };
+    if (hasMaterials()) addNames(addView);
+    if (document_.texture) addView(document_.texture->png);  // the last
     for (tinygltf::Accessor& a : model_.accessors)
       if (a.bufferView <= -2) a.bufferView = stores_[static_cast<std::size_t>(-2 - a.bufferView)].view;
     if (!model_.meshes.empty()) {  // glTF does not allow empty buffers, meshes or materials
@@ -294,6 +325,7 @@ class Writer {
       model_.materials.push_back(std::move(material));
       if (std::ranges::any_of(model_.meshes, [](const tinygltf::Mesh& m) { return m.primitives[0].extensions.contains(kDraco); }))
         model_.extensionsUsed = model_.extensionsRequired = {kDraco};
+      if (hasMaterials()) model_.extensionsUsed.insert(model_.extensionsUsed.end(), {kFeatures, kMetadata});
     }
     model_.scenes.push_back(std::move(scene_));
     if (document_.camera) {
@@ -303,6 +335,31 @@ class Writer {
       model_.scenes.push_back(std::move(second));
     }
     model_.defaultScene = 0;
+  }
+
+  // EXT_structural_metadata aligns chunks and views to 8 bytes.
+  std::size_t aligned(std::size_t size) const { return document_.materialNames.empty() ? (size + 3) / 4 * 4 : (size + 7) / 8 * 8; }
+  bool hasMaterials() const { return !document_.materialNames.empty() && !model_.meshes.empty(); }
+
+  // The table of names, a row for each number.
+  template <class AddView>
+  void addNames(const AddView& addView) {
+    std::string text;
+    std::vector<std::uint32_t> offsets{0};
+    for (const std::string& name : document_.materialNames) offsets.push_back(static_cast<std::uint32_t>((text += name).size()));
+    text.resize(std::max<std::size_t>(1, text.size()), ' ');  // a view has a byte
+    tinygltf::Value values = addView(text);
+    tinygltf::Value places = addView({reinterpret_cast<const char*>(offsets.data()), offsets.size() * sizeof offsets[0]});
+    const auto word = [](const char* of) { return tinygltf::Value(std::string(of)); };
+    tinygltf::Value name = object({{"type", word("STRING")}, {"description", word("what the ground is made of; empty: it is not said")}});
+    model_.extensions[kMetadata] = object(
+        {{"schema", object({{"id", word("ridgecast")},
+                            {"classes", object({{"material", object({{"properties", object({{"name", std::move(name)}})}})}})}})},
+         {"propertyTables",
+          tinygltf::Value(tinygltf::Value::Array{object(
+              {{"class", word("material")},
+               {"count", tinygltf::Value(static_cast<int>(document_.materialNames.size()))},
+               {"properties", object({{"name", object({{"values", std::move(values)}, {"stringOffsets", std::move(places)}})}})}})})}});
   }
 
   // tinygltf's file with extras, whose integers would have 32 bits there, and with thinner JSON.
@@ -332,7 +389,7 @@ class Writer {
       json["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"] = {{"index", 0}};
     }
     std::string text = json.dump();
-    text.resize((text.size() + 3) / 4 * 4, ' ');
+    text.resize(aligned(kText + text.size()) - kText, ' ');
     std::string out;
     out.reserve(kText + text.size() + glb.size() - length);
     out.append(glb.substr(0, kText)).append(text).append(glb.substr(kText + length));

@@ -9,6 +9,8 @@
 //   NORMAL             unit; compressed: within half a degree
 //   COLOR_0            linear, 16 bits; compressed: 8 bits (see kColourBits)
 //   TEXCOORD_0         with a texture alone: 0, 0 at its least x and z
+//   _FEATURE_ID_0      what the ground is made of (terrain/materials.h), a row of the file's table of names (EXT_mesh_features,
+//                      EXT_structural_metadata)
 //   asset.extras       origin {x, z} (metres to add to a coordinate of the file), latticeStep (metres), what the caller adds, and
 //                      cellX, cellZ if the origin is the corner of a 4,096 m cell (integers: metres / 4,096)
 // Triangles are counter-clockwise seen from above. A camera is the only node of the second scene, so that the first scene's nodes have
@@ -43,6 +45,7 @@ struct Leaf {
   const mesh::LeafMesh* mesh = nullptr;               // lives as long as the document
   std::vector<std::array<float, 3>> normals;          // of every vertex, or empty
   std::vector<std::array<std::uint16_t, 3>> colours;  // linear, 65535 is 1; of every vertex, or empty
+  std::vector<std::uint8_t> materials;                // of every vertex, or empty
   std::string name = {};
 };
 
@@ -56,7 +59,8 @@ struct Document {
   lattice::Point origin;  // the file's origin is the corner of the 4,096 m cell that contains it...
   bool atOrigin = false;  // ...or this point itself
   std::vector<Leaf> leaves;
-  std::optional<Texture> texture;  // of a plain file
+  std::optional<Texture> texture;          // of a plain file
+  std::vector<std::string> materialNames;  // by their numbers, the first empty; none: no leaf has materials
   std::optional<camera::Camera> camera;
   std::string extras = "{}";  // JSON object, added to asset.extras
 };

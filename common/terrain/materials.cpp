@@ -23,4 +23,11 @@ std::string_view materialName(std::uint8_t material, std::span<const std::string
   return k < own.size() ? std::string_view(own[k]) : std::string_view();
 }
 
+std::vector<std::string> materialNames(std::span<const std::string> own) {
+  std::vector<std::string> out{""};
+  out.insert(out.end(), kMaterials.begin(), kMaterials.end());
+  out.insert(out.end(), own.begin(), own.end());
+  return out;
+}
+
 }  // namespace ridgecast::terrain

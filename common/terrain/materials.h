@@ -7,6 +7,7 @@
 #include <span>
 #include <string>
 #include <string_view>
+#include <vector>
 
 namespace ridgecast::terrain {
 
@@ -18,5 +19,6 @@ bool isMaterialName(std::string_view name);  // 1 to 32 of a-z 0-9 _ -
 std::uint8_t materialNumber(std::string_view name, std::span<const std::string> own = {});
 // Empty: it is not said, or no material has this number.
 std::string_view materialName(std::uint8_t material, std::span<const std::string> own);
+std::vector<std::string> materialNames(std::span<const std::string> own);  // by number, the first empty
 
 }  // namespace ridgecast::terrain

@@ -45,7 +45,7 @@ Outcome<Asked> parse(std::string_view query) {
   if (!text::hasOnly(out.token, "-_.")) p.refuse("'token' has other characters than a token has.");
   // What viewers and gateways hand on to every tile.
   for (const char* name : {"v", "key", "access_token", "session", "_"}) p.take(name);
-  if (auto error = p.finish("A tileset has at, heights, x, z, reach, compression, normals, colours and token.")) return *error;
+  if (auto error = p.finish("A tileset has at, heights, x, z, reach, compression, normals, colours, materials and token.")) return *error;
   return out;
 }
 
@@ -65,8 +65,9 @@ std::optional<lattice::LeafAddress> squareOf(std::string_view path) {
 std::string handedOn(const Asked& asked, const std::string& content) {
   std::string out = "content=" + content;
   if (asked.form.compression == gltf::Compression::kDraco) out += "&compression=draco";
-  if (!asked.form.normals) out += "&normals=0";
-  if (!asked.form.colours) out += "&colours=0";
+  if (!asked.form.attributes.normals) out += "&normals=0";
+  if (!asked.form.attributes.colours) out += "&colours=0";
+  if (asked.form.attributes.materials) out += "&materials=1";
   out += asked.where.where.heights == earth::Heights::kSea ? "&heights=sea" : "&heights=ellipsoid";
   if (asked.where.where.at) {
     const auto [x, z] = asked.where.middle;

@@ -2,6 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <span>
+
+#include "common/terrain/materials.h"
 
 namespace ridgecast::snapshot {
 namespace {
@@ -125,27 +128,38 @@ void coloursOf(const terrain::Terrain& terrain, const terrain::Colours& colours,
   }
 }
 
+void materialsOf(const terrain::Terrain& terrain, std::span<const Shared> vertices, std::uint8_t* out) {
+  std::vector<Step> x, z;
+  for (const Shared& v : vertices) x.push_back(v.x), z.push_back(v.z);
+  terrain.materials(x, z, {out, vertices.size()});
+}
+
 }  // namespace
 
-bool addAttributes(const terrain::Terrain& terrain, bool normals, bool wantsColours, std::vector<gltf::Leaf>& leaves,
-                   const std::optional<Sides>& sides, scheduling::Pool& pool, const Watch& watch) {
-  const terrain::Colours colours = wantsColours ? terrain.colours() : terrain::Colours();
-  if (!normals && !colours) return true;
+bool addAttributes(const terrain::Terrain& terrain, const Attributes& wanted, gltf::Document& document, const std::optional<Sides>& sides,
+                   scheduling::Pool& pool, const Watch& watch) {
+  const terrain::Colours colours = wanted.colours ? terrain.colours() : terrain::Colours();
+  std::vector<gltf::Leaf>& leaves = document.leaves;
+  if (wanted.materials) document.materialNames = terrain::materialNames(terrain.ownMaterials());
+  if (!wanted.normals && !colours && !wanted.materials) return true;
   std::vector<std::vector<std::uint32_t>> indices;
   const std::vector<Shared> vertices = gather(leaves, sides, indices);
-  std::vector<Float3> normal(vertices.size());
+  std::vector<Float3> normal(wanted.normals || colours ? vertices.size() : 0);
   std::vector<std::array<std::uint16_t, 3>> colour(colours ? vertices.size() : 0);
+  std::vector<std::uint8_t> material(wanted.materials ? vertices.size() : 0);
   pool.forEach((vertices.size() + kBatch - 1) / kBatch, 1, [&](std::size_t k) {
     if (watch.over()) return;
     const std::size_t begin = k * kBatch, n = std::min(kBatch, vertices.size() - begin);
-    normalsOf(terrain, &vertices[begin], n, &normal[begin]);
+    if (!normal.empty()) normalsOf(terrain, &vertices[begin], n, &normal[begin]);
+    if (!material.empty()) materialsOf(terrain, std::span(vertices).subspan(begin, n), &material[begin]);
     if (colours) coloursOf(terrain, colours, &vertices[begin], n, &normal[begin], &colour[begin]);
   });
   if (watch.over()) return false;
   for (std::size_t l = 0; l < leaves.size(); ++l)
     for (const std::uint32_t v : indices[l]) {
-      if (normals) leaves[l].normals.push_back(normal[v]);
+      if (wanted.normals) leaves[l].normals.push_back(normal[v]);
       if (colours) leaves[l].colours.push_back(colour[v]);
+      if (wanted.materials) leaves[l].materials.push_back(material[v]);
     }
   return true;
 }

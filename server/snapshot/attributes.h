@@ -1,5 +1,5 @@
 #pragma once
-// Normals and colours of a mesh's vertices, from the terrain itself, not from the triangles. A normal is the slope of the true terrain
+// Normals, colours and materials of a mesh's vertices, from the terrain itself, not from the triangles. A normal is the slope of the true terrain
 // over half the width of the vertex's triangles; a colour is the terrain's at that width. A vertex is the same in all leaves that share
 // it, and in other boxes and tiles of the same error that share a side: there its width is the distance to the nearer neighbour along it,
 // which both know, and at corners, which four know, it follows from the error. So there are no seams.
@@ -22,8 +22,13 @@ struct Sides {
   double error = 0;  // metres
 };
 
-// Adds the requested attributes to leaves that have only a mesh. A terrain without colours in C++ gets none. False: the watch is over.
-bool addAttributes(const terrain::Terrain& terrain, bool normals, bool colours, std::vector<gltf::Leaf>& leaves,
-                   const std::optional<Sides>& sides, scheduling::Pool& pool, const Watch& watch);
+struct Attributes {
+  bool normals = true, colours = true, materials = false;
+};
+
+// Adds the requested attributes to a document whose leaves have only a mesh. A terrain without colours in C++ gets none. False: the watch
+// is over.
+bool addAttributes(const terrain::Terrain& terrain, const Attributes& wanted, gltf::Document& document, const std::optional<Sides>& sides,
+                   scheduling::Pool& pool, const Watch& watch);
 
 }  // namespace ridgecast::snapshot

@@ -67,9 +67,10 @@ std::uint64_t Parameters::whole(const char* name, std::uint64_t low, std::uint64
   return low;
 }
 
-bool Parameters::flag(const char* name) {
+bool Parameters::flag(const char* name, bool otherwise) {
   const auto value = take(name);
-  if (!value || *value == "1") return true;
+  if (!value) return otherwise;
+  if (*value == "1") return true;
   if (*value != "0") refuse(beginning(name, *value, "0 or 1."));
   return false;
 }

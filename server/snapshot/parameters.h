@@ -26,7 +26,7 @@ class Parameters {
   double number(const char* name, double low, double high, const char* unit, std::optional<double> otherwise = {});
   std::uint64_t whole(const char* name, std::uint64_t low, std::uint64_t high, const char* unit,
                       std::optional<std::uint64_t> otherwise = {});
-  bool flag(const char* name);  // 0 or 1, the default
+  bool flag(const char* name, bool otherwise);  // 0 or 1
 
   void refuse(std::string sentence);
   // The first error. A parameter that was not taken is an error too; `known` lists the valid ones.

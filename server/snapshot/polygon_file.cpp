@@ -38,7 +38,7 @@ Outcome<Welded> weld(const gltf::Document& document) {
   const lattice::Point origin = gltf::originOf(document);
   std::vector<Vertex> all;
   for (std::uint32_t l = 0; l < document.leaves.size(); ++l) {
-    const auto& [leaf, normals, colours, name] = document.leaves[l];
+    const auto& [leaf, normals, colours, materials, name] = document.leaves[l];
     const mesh::LeafMesh& mesh = *leaf;
     for (const std::size_t count : {normals.size(), colours.size()})
       expects(count == 0 || count == mesh.vertices.size(), "each vertex has its normal and colour, or none has");

@@ -179,8 +179,7 @@ void readForm(Parameters& p, Question& out) {
     else if (*value != "none")
       p.refuse("'compression' is " + inQuotes(*value) + "; it must be draco or none.");
   }
-  out.normals = p.flag("normals");
-  out.colours = p.flag("colours");
+  out.attributes = {p.flag("normals", true), p.flag("colours", true), p.flag("materials", false)};
 }
 
 earth::Where readWhere(Parameters& p) {
@@ -204,8 +203,8 @@ Outcome<Question> parse(std::string_view query, const Limits& limits, const terr
   if (auto read = p.read(query); !read) return read.error();
   Question out;
   out.format = format;
-  if ((format == Format::kPly || format == Format::kObj) && (p.has("compression") || p.has("texture")))
-    p.refuse("A PLY or OBJ file has neither compression nor a texture; leave them out, or ask for a .glb.");
+  if ((format == Format::kPly || format == Format::kObj) && (p.has("compression") || p.has("texture") || p.has("materials")))
+    p.refuse("A PLY or OBJ file has no compression, texture or materials; leave them out, or ask for a .glb.");
   if (const auto up = p.take("up")) {
     out.isZUp = *up == "z";
     if (*up != "y" && *up != "z") p.refuse("'up' is " + inQuotes(*up) + "; it must be y or z.");
@@ -239,14 +238,14 @@ Outcome<Question> parse(std::string_view query, const Limits& limits, const terr
   if (std::holds_alternative<OfBox>(out.of) && p.has("texture")) {
     out.texture = static_cast<std::uint32_t>(p.whole("texture", limits.leastTexture, limits.mostTexture, " pixels"));
     if (out.compression == gltf::Compression::kDraco) p.refuse("A texture goes with compression=none; leave one of them out.");
-    out.colours = false;
+    out.attributes.colours = false;
   }
   if (auto error = p.finish(
           isGrid      ? "A GeoTIFF is of x0, z0, x1, z1 or box, with crs or without, and spacing."
           : isArchive ? "A PMTiles archive is of x0, z0, x1, z1 or box, with crs or without, and layer, zoom and at."
                       : "A snapshot is of camera=ID, of x, z, altitude, yaw, pitch, fov, width, height, threshold, colour_error, or of "
                         "x0, z0, x1, z1, error, texture (or box, with crs or without, in place of the corners); with compression, normals, "
-                        "colours, origin and up."))
+                        "colours, materials, origin and up."))
     return *error;
   return out;
 }
@@ -262,8 +261,9 @@ std::optional<Format> formatOf(std::string_view file) {
 
 std::string canonical(const Question& q) {
   std::string out = q.compression == gltf::Compression::kDraco ? "draco" : "none";
-  out += q.normals ? " normals" : "";
-  out += q.colours ? " colours" : "";
+  out += q.attributes.normals ? " normals" : "";
+  out += q.attributes.colours ? " colours" : "";
+  out += q.attributes.materials ? " materials" : "";
   if (q.format == Format::kPly || q.format == Format::kObj) out += q.format == Format::kPly ? " ply" : " obj";
   if (q.origin != Origin::kCell) out += q.origin == Origin::kCentre ? " centre" : " world";
   if (q.isZUp) out += " z-up";

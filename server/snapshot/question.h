@@ -16,6 +16,7 @@
 //                                                            where the world's origin lies, by default where the map says
 //   at=LON,LAT[,HEIGHT]                                      of a box in tiles: where on WGS84 its middle lies, degrees and metres
 //   compression=draco|none, normals=0|1, colours=0|1         for all; default none, 1 and 1
+//   materials=0|1                                            of a .glb and tiles: what the ground is made of, by vertex (glb.h); default 0
 //   origin=cell|centre|world                                 where the file's coordinates begin: the corner of the 4,096 m cell of the
 //                                                            camera or of the box's first corner (default), the camera or the middle of
 //                                                            the box, or the world's own origin
@@ -36,6 +37,7 @@
 #include "server/box/box_mesh.h"
 #include "server/map/mercator.h"
 #include "server/map/sheet.h"
+#include "server/snapshot/attributes.h"
 #include "server/tileset/tile.h"
 #include "server/tileset/tileset.h"
 
@@ -90,7 +92,7 @@ struct Question {
   bool isZUp = false;         // kPly, kObj
   std::uint32_t texture = 0;  // pixels; 0: none
   gltf::Compression compression = gltf::Compression::kNone;
-  bool normals = true, colours = true;
+  Attributes attributes;
 };
 
 // `query` is the part of a URL after the ?, still percent-encoded; `map`: the terrain's, if it is a height map.
@@ -99,7 +101,7 @@ Outcome<Question> parse(std::string_view query, const Limits& limits, const terr
 // By its ending: .glb, .ply, .obj, .tif or .pmtiles. Tiles are no file.
 std::optional<Format> formatOf(std::string_view file);
 
-// Takes compression, normals and colours.
+// Takes compression, normals, colours and materials.
 void readForm(Parameters& parameters, Question& out);
 // Takes at and heights, which by default count from the sea, or from the ellipsoid if `at` has a height.
 earth::Where readWhere(Parameters& parameters);

@@ -382,7 +382,7 @@ Result<Snapshot> Snapshots::take(const session::Session& session, editing::Groun
   for (const mesh::LeafMesh& leaf : made->leaves()) {
     triangles += leaf.triangles.size();
     vertices += leaf.vertices.size();
-    document.leaves.push_back({&leaf, {}, {}, {}});
+    document.leaves.push_back({.mesh = &leaf});
   }
   for (std::size_t k = 0; k < made->names.size(); ++k) document.leaves[k].name = made->names[k];
   if (triangles > limits_.triangles)
@@ -405,7 +405,7 @@ Result<Snapshot> Snapshots::take(const session::Session& session, editing::Groun
   std::optional<Sides> sides;
   if (const auto* box = std::get_if<OfBox>(&question.of)) sides = {made->low, made->high, box->error};
   if (const auto* tile = std::get_if<OfTile>(&question.of)) sides = {made->low, made->high, tile->box.error};
-  if (!addAttributes(terrain, question.normals, question.colours, document.leaves, sides, *pool, watch)) return watch.problem();
+  if (!addAttributes(terrain, question.attributes, document, sides, *pool, watch)) return watch.problem();
   if (question.texture) {
     reaches(Progress::Stage::kPainting);
     document.texture = paint(terrain, *made, question.texture, watch);

@@ -126,7 +126,8 @@ TEST_F(Snapshot, OtherProgramsFindNoFault) {
                                                            {"box", kBox},
                                                            {"camera", "camera=" + std::to_string(camera.flier->world().camera)},
                                                            {"bare", std::string(kBox) + "&normals=0&colours=0"},
-                                                           {"texture", std::string(kBox) + "&texture=256&origin=centre"}};
+                                                           {"materials", std::string(kBox) + "&materials=1&colours=0&normals=0"},
+                                                           {"texture", std::string(kBox) + "&texture=256&materials=1&origin=centre"}};
   for (const auto& [name, query] : questions)
     for (const bool draco : {false, true}) {
       if (draco && name == std::string("texture")) continue;  // a texture goes with plain files

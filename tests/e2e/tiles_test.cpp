@@ -398,7 +398,7 @@ TEST(Tiles, OtherProgramsFindNoFault) {
   ScratchFolder folder;
   std::vector<std::string> files;
   for (const char* tile : {"12/0/0", "8/-3/2", "5/4000000/-7", "0/1/1"})
-    for (const char* form : {"?compression=draco", "?compression=none", "?normals=0&colours=0"}) {
+    for (const char* form : {"?compression=draco", "?compression=none", "?normals=0&colours=0", "?compression=draco&materials=1"}) {
       const Response r = ask(server, kFolder + std::string(tile) + ".glb" + form);
       ASSERT_THAT(r.head, StartsWith("HTTP/1.1 200")) << r.body;
       files.push_back(folder / (std::to_string(files.size()) + ".glb"));

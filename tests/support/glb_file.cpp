@@ -41,12 +41,38 @@ struct Reader {
   }
 };
 
-std::vector<float> decoded(const draco::Mesh& mesh, std::uint32_t id) {
+template <class T, int kWidth>
+std::vector<T> decoded(const draco::Mesh& mesh, std::uint32_t id) {
   const draco::PointAttribute* attribute = mesh.GetAttributeByUniqueId(id);
-  demand(attribute != nullptr && attribute->num_components() == 3, "a Draco attribute is missing");
-  std::vector<float> out(3 * mesh.num_points());
+  demand(attribute != nullptr && attribute->num_components() == kWidth, "a Draco attribute is missing");
+  std::vector<T> out(kWidth * mesh.num_points());
   for (std::uint32_t p = 0; p < mesh.num_points(); ++p)
-    demand(attribute->ConvertValue<float, 3>(attribute->mapped_index(draco::PointIndex(p)), &out[3 * p]), "a Draco attribute is no float");
+    demand(attribute->ConvertValue<T, kWidth>(attribute->mapped_index(draco::PointIndex(p)), &out[kWidth * p]), "a Draco attribute's type");
+  return out;
+}
+
+// The names in the table that the features of a primitive are rows of.
+std::vector<std::string> namesOf(const Reader& reader, const Json& features) {
+  const Json& set = features.at("featureIds").at(0);
+  demand(set.at("attribute") == 0 && set.at("nullFeatureId") == 0, "features that are no attribute");
+  const Json& table =
+      reader.json.at("extensions").at("EXT_structural_metadata").at("propertyTables").at(set.at("propertyTable").get<std::size_t>());
+  const Json& property = table.at("properties").at("name");
+  const std::string_view text = reader.view(property.at("values")), offsets = reader.view(property.at("stringOffsets"));
+  for (const char* of : {"values", "stringOffsets"})
+    demand(reader.json.at("bufferViews").at(property.at(of).get<std::size_t>()).value("byteOffset", 0) % 8 == 0,
+           "a table off its alignment");
+  const auto offset = [&](std::size_t k) {
+    std::uint32_t v = 0;
+    demand(4 * k + 4 <= offsets.size(), "a table that ends early");
+    std::memcpy(&v, &offsets[4 * k], 4);
+    return v;
+  };
+  std::vector<std::string> out;
+  for (std::size_t k = 0; k < table.at("count").get<std::size_t>(); ++k) {
+    demand(offset(k) <= offset(k + 1) && offset(k + 1) <= text.size(), "a name beyond its view");
+    out.emplace_back(text.substr(offset(k), offset(k + 1) - offset(k)));
+  }
   return out;
 }
 
@@ -59,10 +85,12 @@ std::int32_t steps(double metres) {
 void readPrimitive(const Reader& reader, const Json& primitive, GlbLeaf& leaf) {
   const Json& attributes = primitive.at("attributes");
   std::vector<float> positions, normals, colours;
+  std::vector<std::uint8_t> materials;
   std::vector<std::uint32_t> indices;
-  if (primitive.contains("extensions")) {
+  const Json extensions = primitive.value("extensions", Json::object());
+  if (extensions.contains("KHR_draco_mesh_compression")) {
     leaf.compressed = true;
-    const Json& extension = primitive.at("extensions").at("KHR_draco_mesh_compression");
+    const Json& extension = extensions.at("KHR_draco_mesh_compression");
     const std::string_view bytes = reader.view(extension.at("bufferView"));
     draco::DecoderBuffer buffer;
     buffer.Init(bytes.data(), bytes.size());
@@ -70,9 +98,10 @@ void readPrimitive(const Reader& reader, const Json& primitive, GlbLeaf& leaf) {
     auto mesh = decoder.DecodeMeshFromBuffer(&buffer);
     demand(mesh.ok(), "Draco cannot decode it");
     const Json& ids = extension.at("attributes");
-    positions = decoded(*mesh.value(), ids.at("POSITION").get<std::uint32_t>());
-    if (ids.contains("NORMAL")) normals = decoded(*mesh.value(), ids.at("NORMAL").get<std::uint32_t>());
-    if (ids.contains("COLOR_0")) colours = decoded(*mesh.value(), ids.at("COLOR_0").get<std::uint32_t>());
+    positions = decoded<float, 3>(*mesh.value(), ids.at("POSITION").get<std::uint32_t>());
+    if (ids.contains("NORMAL")) normals = decoded<float, 3>(*mesh.value(), ids.at("NORMAL").get<std::uint32_t>());
+    if (ids.contains("COLOR_0")) colours = decoded<float, 3>(*mesh.value(), ids.at("COLOR_0").get<std::uint32_t>());
+    if (ids.contains("_FEATURE_ID_0")) materials = decoded<std::uint8_t, 1>(*mesh.value(), ids.at("_FEATURE_ID_0").get<std::uint32_t>());
     for (std::uint32_t f = 0; f < mesh.value()->num_faces(); ++f)
       for (int c = 0; c < 3; ++c) indices.push_back(mesh.value()->face(draco::FaceIndex(f))[c].value());
     demand(reader.accessor(attributes.at("POSITION")).at("count") == mesh.value()->num_points(), "an accessor's count is not Draco's");
@@ -82,17 +111,20 @@ void readPrimitive(const Reader& reader, const Json& primitive, GlbLeaf& leaf) {
     if (attributes.contains("NORMAL")) normals = reader.values<float>(attributes.at("NORMAL"), 3);
     if (attributes.contains("COLOR_0"))
       for (const std::uint16_t c : reader.values<std::uint16_t>(attributes.at("COLOR_0"), 3)) colours.push_back(c / 65535.0f);
+    if (attributes.contains("_FEATURE_ID_0")) materials = reader.values<std::uint8_t>(attributes.at("_FEATURE_ID_0"), 1);
     if (reader.accessor(primitive.at("indices")).at("componentType") == 5123)
       for (const std::uint16_t i : reader.values<std::uint16_t>(primitive.at("indices"), 1)) indices.push_back(i);
     else
       indices = reader.values<std::uint32_t>(primitive.at("indices"), 1);
   }
   demand(indices.size() % 3 == 0, "indices that are no triangles");
+  const auto names = materials.empty() ? std::vector<std::string>() : namesOf(reader, extensions.at("EXT_mesh_features"));
   for (std::size_t k = 0; k < positions.size(); k += 3) {
     const mesh::LocalVertex v{steps(positions[k]), steps(positions[k + 2]), steps(positions[k + 1])};
     leaf.mesh.vertices.push_back(v);
     if (!normals.empty()) leaf.normals[{v.x, v.z}] = {normals[k], normals[k + 1], normals[k + 2]};
     if (!colours.empty()) leaf.colours[{v.x, v.z}] = {colours[k], colours[k + 1], colours[k + 2]};
+    if (!materials.empty()) leaf.materials[{v.x, v.z}] = names.at(materials[k / 3]);
   }
   for (std::size_t k = 0; k < indices.size(); k += 3) {
     demand(std::max({indices[k], indices[k + 1], indices[k + 2]}) < leaf.mesh.vertices.size(), "an index beyond the vertices");

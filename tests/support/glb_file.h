@@ -17,6 +17,7 @@ struct GlbLeaf {
   mesh::LeafMesh mesh;                                              // canonical; every position was a whole number of steps
   std::array<double, 3> translation{};                              // metres
   std::map<lattice::Point, std::array<float, 3>> normals, colours;  // by position relative to the leaf's corner
+  std::map<lattice::Point, std::string> materials;                  // their names, likewise
   bool compressed = false;
 };
 

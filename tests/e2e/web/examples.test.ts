@@ -52,6 +52,11 @@ async function heights(places: [number, number][]): Promise<number[]> {
   return ((await answer.json()) as { heights: number[] }).heights;
 }
 
+async function materials(places: [number, number][]): Promise<(string | null)[]> {
+  const answer = await fetch(`${server.http}/v1/materials?${places.map(([x, z]) => `at=${x},${z}`).join('&')}`);
+  return ((await answer.json()) as { materials: (string | null)[] }).materials;
+}
+
 const random = randomFrom(17);
 
 /** A view from 3 m to 3 km above the ground, up to 20 km from the middle. */
@@ -140,6 +145,25 @@ test('three.js shows ground wherever there is ground', { timeout: 1000 * PATIENC
   // The glaring background is found where it is.
   await page.evaluate('ridgecast.tiles.group.visible = false');
   assert.ok((await background(page, { east: 0, north: 0, up: 3000, heading: 0, pitch: -30 }, { ...THREE, settled: 'true' })) > 1000);
+});
+
+test('three.js says what the ground is made of', { timeout: 100 * PATIENCE, skip: 'TERRAIN' in process.env && 'a map says it by its classes, if at all' }, async () => {
+  const page = await open('/three/');
+  const found = new Set<string>();
+  for (let tries = 0; found.size < 3 && tries < 200; ++tries) {
+    const east = random(-5000, 5000), north = random(-5000, 5000);
+    const around = [-40, 0, 40].flatMap((x) => [-40, 0, 40].map((z): [number, number] => [east + x, z - north]));
+    const [name, ...others] = await materials(around);
+    if (!name || found.has(name) || others.some((other) => other !== name)) continue;
+    const [ground] = await heights([[east, -north]]);
+    await assertWhole(page, { east, north, up: ground! + 100, heading: 0, pitch: -90 }, THREE);
+    await page.mouse.click(SIZE.width / 2, SIZE.height / 2);
+    assert.equal(await page.textContent('#ground'), name, `${east}, ${north}`);
+    found.add(name);
+  }
+  assert.equal(found.size, 3, [...found].join(', '));
+  await page.evaluate('ridgecast.look(0, 0, 9000, 0, 60)');
+  assert.equal(await page.evaluate('ridgecast.groundAt(100, 20)'), '', 'the sky is made of nothing');
 });
 
 test('three.js shows a folder of tiles from any file server', { timeout: 10 * PATIENCE, skip: 'TERRAIN' in process.env && 'a map in UTM lies on Earth, far from the origin' }, async (t) => {

@@ -1,18 +1,19 @@
 // Flies over a session's ground with three.js: drag to move, right button to turn, wheel for height.
 //   ?session=NAME&x=METRES&z=METRES   which world, and the place of it that lies at three's origin
-//   &compression=none                 for a reader without Draco; normals and colours as for a snapshot
+//   &compression=none                 for a reader without Draco; normals, colours and materials as for a snapshot
+// A click says what the ground is made of there.
 //   ?tileset=URL                      instead: a tileset anywhere, such as of `ridgecast-client snapshot --tiles`, on its own axes
 import { TilesRenderer } from '3d-tiles-renderer';
 import { GLTFExtensionsPlugin } from '3d-tiles-renderer/plugins';
-import { AmbientLight, Color, DirectionalLight, Euler, LoadingManager, MathUtils, PerspectiveCamera, Scene, Vector3, WebGLRenderer } from 'three';
+import { AmbientLight, Color, DirectionalLight, Euler, LoadingManager, MathUtils, PerspectiveCamera, Raycaster, Scene, Vector2, Vector3, WebGLRenderer } from 'three';
 import { MapControls } from 'three/addons/controls/MapControls.js';
 import { DRACOLoader } from 'three/addons/loaders/DRACOLoader.js';
 import dracoWrapper from 'three/examples/jsm/libs/draco/gltf/draco_wasm_wrapper.js?url';
 import dracoDecoder from 'three/examples/jsm/libs/draco/gltf/draco_decoder.wasm?url';
 
 const asked = new URLSearchParams(location.search);
-const where = new URLSearchParams({ x: asked.get('x') ?? 0, z: asked.get('z') ?? 0, compression: asked.get('compression') ?? 'draco' });
-for (const name of ['normals', 'colours']) if (asked.has(name)) where.set(name, asked.get(name));
+const where = new URLSearchParams({ x: asked.get('x') ?? 0, z: asked.get('z') ?? 0, compression: asked.get('compression') ?? 'draco', materials: 1 });
+for (const name of ['normals', 'colours', 'materials']) if (asked.has(name)) where.set(name, asked.get(name));
 
 const renderer = new WebGLRenderer({ antialias: true, logarithmicDepthBuffer: true }); // it sees from metres to 200 km
 document.querySelector('#view').append(renderer.domElement);
@@ -53,6 +54,18 @@ tiles.registerPlugin({
 const failed = [];
 tiles.addEventListener('load-error', ({ url, error }) => failed.push(`${url}: ${error.message}`));
 
+/** What the ground is made of where the canvas shows it, by the tile's own table of names; '': there is sky, or it is not said. */
+function groundAt(x, y) {
+  const ray = new Raycaster();
+  ray.setFromCamera(new Vector2((2 * x) / innerWidth - 1, 1 - (2 * y) / innerHeight), camera);
+  const [hit] = ray.intersectObject(tiles.group);
+  const { meshFeatures, structuralMetadata } = hit?.object.userData ?? {};
+  if (!meshFeatures) return '';
+  const [row] = meshFeatures.getFeatures(hit.faceIndex, hit.barycoord), [{ propertyTable }] = meshFeatures.getFeatureInfo();
+  return row === null ? '' : structuralMetadata.getPropertyTableData(propertyTable, row).name;
+}
+renderer.domElement.addEventListener('click', (click) => (document.querySelector('#ground').textContent = groundAt(click.clientX, click.clientY)));
+
 function fit() {
   renderer.setSize(innerWidth, innerHeight);
   camera.aspect = innerWidth / innerHeight;
@@ -71,4 +84,4 @@ function draw() {
 renderer.setAnimationLoop(draw);
 
 // For tests and the console.
-globalThis.ridgecast = { camera, draw, failed, look, renderer, scene, tiles };
+globalThis.ridgecast = { camera, draw, failed, groundAt, look, renderer, scene, tiles };

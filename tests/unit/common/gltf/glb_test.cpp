@@ -48,13 +48,15 @@ World make(lattice::Point at) {
   }
   std::mt19937 random(5);
   std::uniform_real_distribution<float> unit(-1, 1);
+  w.document.materialNames = {"", "rock", "mud", "moor"};
   for (const mesh::LeafMesh& mesh : w.meshes) {
-    Leaf leaf{&mesh, {}, {}};
+    Leaf leaf{.mesh = &mesh};
     for (std::size_t k = 0; k < mesh.vertices.size(); ++k) {
       const float x = unit(random), z = unit(random), y = 0.2f + std::abs(unit(random)), n = std::sqrt(x * x + y * y + z * z);
       leaf.normals.push_back({x / n, y / n, z / n});
       leaf.colours.push_back(
           {static_cast<std::uint16_t>(random()), static_cast<std::uint16_t>(random()), static_cast<std::uint16_t>(random())});
+      leaf.materials.push_back(static_cast<std::uint8_t>(random() % 4));
     }
     w.document.leaves.push_back(std::move(leaf));
   }
@@ -89,7 +91,7 @@ TEST(Glb, HoldsTheSameLatticePointsPlainAndCompressed) {
   }
 }
 
-TEST(Glb, NormalsAndColoursSurvive) {
+TEST(Glb, NormalsColoursAndMaterialsSurvive) {
   const World w = make({0, 0});
   for (const Compression compression : {Compression::kNone, Compression::kDraco}) {
     const GlbFile file = readGlb(*writeGlb(w.document, compression));
@@ -98,6 +100,7 @@ TEST(Glb, NormalsAndColoursSurvive) {
       for (std::size_t v = 0; v < w.meshes[k].vertices.size(); ++v) {
         const auto& p = w.meshes[k].vertices[v];
         const auto normal = file.leaves[k].normals.at({p.x, p.z}), colour = file.leaves[k].colours.at({p.x, p.z});
+        EXPECT_EQ(file.leaves[k].materials.at({p.x, p.z}), w.document.materialNames[w.document.leaves[k].materials[v]]);
         double dot = 0;
         for (std::size_t c = 0; c < 3; ++c) {
           dot += double(normal[c]) * w.document.leaves[k].normals[v][c];

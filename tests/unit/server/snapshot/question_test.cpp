@@ -36,7 +36,7 @@ TEST(Question, Poses) {
   EXPECT_DOUBLE_EQ(pose.camera.pose.yaw, std::numbers::pi / 6);
   EXPECT_EQ(pose.camera.projection.width, 1280u);
   EXPECT_EQ(pose.threshold, 0.6);
-  EXPECT_TRUE(q->normals && q->colours && q->compression == gltf::Compression::kNone);
+  EXPECT_TRUE(q->attributes.normals && q->attributes.colours && !q->attributes.materials && q->compression == gltf::Compression::kNone);
   const auto other =
       parse("x=1e12&z=0&y=900&yaw=0&pitch=0&fov=45&width=640&height=360&threshold=2&compression=draco&normals=0&colours=0", kLimits);
   ASSERT_TRUE(other);
@@ -61,7 +61,7 @@ TEST(Question, OriginAndTexture) {
   EXPECT_EQ(parse(box, kLimits)->texture, 0u);
   const auto painted = parse(box + "&texture=1024", kLimits);
   EXPECT_EQ(painted->texture, 1024u);
-  EXPECT_FALSE(painted->colours) << "of vertices";
+  EXPECT_FALSE(painted->attributes.colours) << "of vertices";
   for (const char* wrong : {"8", "4097", "x"}) EXPECT_THAT(refusal(box + "&texture=" + wrong), HasSubstr("from 16 to 4096 pixels"));
   EXPECT_THAT(refusal(box + "&texture=64&compression=draco"), HasSubstr("compression=none"));
   EXPECT_THAT(refusal(std::string(kPose) + "&texture=64"), HasSubstr("'texture', which does not belong here"));
@@ -69,8 +69,8 @@ TEST(Question, OriginAndTexture) {
   EXPECT_NE(canonical(*parse(box + "&origin=world", kLimits)), canonical(*parse(box, kLimits)));
   EXPECT_NE(canonical(*painted), canonical(*parse(box + "&texture=512", kLimits)));
   EXPECT_EQ(parse(box, kLimits, nullptr, Format::kObj)->format, Format::kObj);
-  for (const char* more : {"&texture=64", "&compression=draco"})
-    EXPECT_THAT(parse(box + more, kLimits, nullptr, Format::kPly).error().message, HasSubstr("neither compression nor a texture"));
+  for (const char* more : {"&texture=64", "&compression=draco", "&materials=1"})
+    EXPECT_THAT(parse(box + more, kLimits, nullptr, Format::kPly).error().message, HasSubstr("no compression, texture or materials"));
   EXPECT_TRUE(parse(box + "&up=z", kLimits, nullptr, Format::kObj)->isZUp);
   EXPECT_FALSE(parse(box + "&up=y", kLimits)->isZUp);
   EXPECT_NE(canonical(*parse(box + "&up=z", kLimits, nullptr, Format::kPly)), canonical(*parse(box, kLimits, nullptr, Format::kPly)));
@@ -110,8 +110,8 @@ TEST(Question, TheSameQuestionHasOneText) {
   EXPECT_EQ(canonical(*parse(kPose, kLimits)),
             canonical(*parse("pitch=-10.0&yaw=3e1&altitude=%31%30%30&z=-2.000&x=1&fov=60&threshold=0.60", kLimits)));
   const std::string base = canonical(*parse(kPose, kLimits));
-  for (const char* more :
-       {"&fov=61", "&width=1281", "&height=719", "&threshold=0.61", "&colour_error=0.2", "&compression=draco", "&normals=0", "&colours=0"})
+  for (const char* more : {"&fov=61", "&width=1281", "&height=719", "&threshold=0.61", "&colour_error=0.2", "&compression=draco",
+                           "&normals=0", "&colours=0", "&materials=1"})
     EXPECT_NE(canonical(*parse(std::string(kPose) + more, kLimits)), base) << more;
 }
 

@@ -11,6 +11,7 @@
 #include <thread>
 #include <tuple>
 
+#include "common/terrain/materials.h"
 #include "server/directory/directory.h"
 #include "server/member/camera_session.h"
 #include "server/snapshot/snapshot.h"
@@ -155,6 +156,25 @@ TEST_F(TakeTest, NormalsAndColoursHaveNoSeams) {
   EXPECT_GT(shared, 20u);
   EXPECT_FALSE(testing_support::readGlb(take("x0=0&z0=0&x1=50&z1=50&error=1&normals=0&colours=0")->file).json.dump().find("NORMAL") !=
                std::string::npos);
+}
+
+TEST_F(TakeTest, MaterialsAreTheGroundsAtEachVertex) {
+  const terrain::Terrain& terrain = *session->ground().terrain;
+  std::set<std::string> found;
+  for (const char* form : {"&compression=none", "&compression=draco&normals=0&colours=0"})
+    for (const auto& leaf :
+         testing_support::readGlb(take("x0=-2000&z0=-2000&x1=2000&z1=2000&error=10&materials=1" + std::string(form))->file).leaves) {
+      ASSERT_EQ(leaf.materials.size(), leaf.mesh.vertices.size());
+      for (const auto& [at, name] : leaf.materials) {
+        const lattice::Step x = leaf.mesh.address.x() + at.x, z = leaf.mesh.address.z() + at.z;
+        std::uint8_t material = 0;
+        terrain.materials({&x, 1}, {&z, 1}, {&material, 1});
+        ASSERT_EQ(name, terrain::materialName(material, terrain.ownMaterials()));
+        found.insert(name);
+      }
+    }
+  EXPECT_TRUE(found.contains("grass") && found.contains("wood")) << "of its own: " << testing::PrintToString(found);
+  EXPECT_EQ(testing_support::readGlb(take("x0=0&z0=0&x1=50&z1=50&error=1")->file).json.dump().find("EXT_"), std::string::npos);
 }
 
 // A vertex of the file and what the metadata say to add give the same place whatever the origin.
