@@ -26,6 +26,15 @@ class Hits(NamedTuple):
     normal: NDArray[np.float64]  #: (..., 3), of the ground there; nan: no hit
 
 
+def room(out: Optional[NDArray[np.float32]], shape: Tuple[int, ...]) -> NDArray[np.float32]:
+    """Where numbers are written to that the library makes."""
+    if out is None:
+        return np.empty(shape, np.float32)
+    if not (isinstance(out, np.ndarray) and out.dtype == np.float32 and out.shape == shape and out.flags.c_contiguous and out.flags.writeable):
+        raise Invalid(f"out is a contiguous array of float32 that may be written to, of shape {shape}")
+    return out
+
+
 class Questions:
     """The queries of both Terrain and World."""
 
@@ -73,10 +82,10 @@ class Questions:
         if failures:
             raise failures[0].with_traceback(None)
 
-    def heights(self, xz: ArrayLike) -> NDArray[np.float32]:
-        """Heights in metres, float32 (...), at places (..., 2)."""
+    def heights(self, xz: ArrayLike, out: Optional[NDArray[np.float32]] = None) -> NDArray[np.float32]:
+        """Heights in metres, float32 (...), at places (..., 2). Here and below, `out` is an array to write them to, and is returned."""
         at = places(xz, 2, "places")
-        out = np.empty(at.shape[:-1], np.float32)
+        out = room(out, at.shape[:-1])
         asked, heights = doubles(at), ffi.from_buffer("float[]", out)
         self._call(out.size, lambda first, n: lib.rc_terrain_heights(self._terrain, asked + 2 * first, n, heights + first))
         return out
@@ -85,20 +94,20 @@ class Questions:
         """The height at one place, metres."""
         return float(self.heights((x, z)))
 
-    def patches(self, bodies: ArrayLike, offsets: ArrayLike) -> NDArray[np.float32]:
+    def patches(self, bodies: ArrayLike, offsets: ArrayLike, out: Optional[NDArray[np.float32]] = None) -> NDArray[np.float32]:
         """Heights around bodies (..., 3): x, z, yaw, at offsets (k..., 2) to their right and behind them, metres: float32 (..., k...)."""
         at, around = places(bodies, 3, "bodies"), places(offsets, 2, "offsets")
-        out = np.empty(at.shape[:-1] + around.shape[:-1], np.float32)
+        out = room(out, at.shape[:-1] + around.shape[:-1])
         each = out.size // max(1, at.size // 3)
         asked, offset, heights = doubles(at), doubles(around), ffi.from_buffer("float[]", out)
         self._call(at.size // 3, lambda first, n: lib.rc_terrain_patches(
             self._terrain, asked + 3 * first, n, offset, each, heights + each * first))
         return out
 
-    def normals(self, xz: ArrayLike, spacing: float = 1 / 16) -> NDArray[np.float32]:
+    def normals(self, xz: ArrayLike, spacing: float = 1 / 16, out: Optional[NDArray[np.float32]] = None) -> NDArray[np.float32]:
         """Unit normals, float32 (..., 3), at places (..., 2), of the planes through the heights `spacing` metres to each side."""
         at = places(xz, 2, "places")
-        out = np.empty(at.shape[:-1] + (3,), np.float32)
+        out = room(out, at.shape[:-1] + (3,))
         asked, normals = doubles(at), ffi.from_buffer("float[]", out)
         self._call(out.size // 3,
                    lambda first, n: lib.rc_terrain_normals(self._terrain, asked + 2 * first, n, spacing, normals + 3 * first))

@@ -77,6 +77,21 @@ class TerrainTest(unittest.TestCase):
         self.assertEqual(canyon.rays([0, 4000, 0], [0, 1, 0]).distance, np.inf)
         self.assertEqual(canyon.known, "measured")
 
+    def test_answers_go_where_the_caller_wants_them(self) -> None:
+        alpine = rc.Terrain("alpine")
+        xz = np.random.default_rng(2).uniform(-1e4, 1e4, (5, 7, 2))
+        bodies, offsets = np.zeros((4, 3)), np.ones((2, 3, 2))
+        for call, shape in ((alpine.heights, (5, 7)), (alpine.normals, (5, 7, 3)), (alpine.patches, (4, 2, 3))):
+            asked = (bodies, offsets) if call == alpine.patches else (xz,)
+            out = np.full(shape, np.nan, np.float32)
+            self.assertIs(call(*asked, out=out), out)
+            np.testing.assert_array_equal(out, call(*asked))
+            frozen = np.zeros(shape, np.float32)
+            frozen.flags.writeable = False
+            for wrong in (np.zeros(shape), np.zeros((9,) + shape, np.float32), np.zeros(shape[::-1], np.float32).T, frozen, [0.0]):
+                with self.assertRaisesRegex(rc.Invalid, "out is a contiguous array of float32"):
+                    call(*asked, out=wrong)
+
     def test_what_is_no_real_number_is_refused(self) -> None:
         alpine = rc.Terrain("alpine")
         for wrong in (1j, np.array([[1, 2j]]), "ab", [["1", "2"]], None, [object(), object()]):
