@@ -216,6 +216,27 @@ TEST(Reconnector, StepsAreSkippedAfterAReturnToo) {
   }));
 }
 
+// Between a world and its clock, a clock that goes on was read as 0.
+TEST(Reconnector, AConversationBeginsWithTheClockThatItAskedFor) {
+  Journey journey({.clock = true});
+  journey.begins();
+  EXPECT_FALSE(journey.reconnector.isGreeted());
+  EXPECT_EQ(journey.hears(wire::Clock{.time = 9'000'000}), "");
+  EXPECT_TRUE(journey.reconnector.isGreeted());
+  journey.loses();
+  journey.begins();
+  EXPECT_FALSE(journey.reconnector.hasReturned());
+  EXPECT_EQ(journey.reconnector.conversation().clock().said().time, 9'000'000u);
+  EXPECT_EQ(journey.hears(wire::Clock{.time = 9'500'000}), "");
+  ASSERT_TRUE(journey.reconnector.hasReturned());
+  journey.reconnector.goOn({});
+  EXPECT_EQ(journey.reconnector.conversation().clock().said().time, 9'500'000u);
+  journey.loses();
+  auto old = std::get<wire::World>(greeting());
+  old.revision = 0;
+  journey.returns(old);  // which knows no clocks
+}
+
 TEST(Reconnector, RequestsFailAtOnceWhileThereIsNobodyToAnswer) {
   Journey journey;
   journey.begins();
