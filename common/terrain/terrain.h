@@ -38,7 +38,7 @@ std::int32_t toSteps(float metres);
 
 // What is known of heights between places, so that rays need not look everywhere (common/ground).
 struct Relief {
-  enum class Known : std::uint8_t {
+  enum class Known {
     kSampled,   // nothing
     kMeasured,  // noise: as uneven between samples as from one sample to the next
     kProven,    // Terrain::raster() with its bicubic between samples (raster_cubic.glsl)

@@ -83,6 +83,8 @@ void normalise(google::protobuf::Message& message) {
   } else if (auto* member = dynamic_cast<pb::Member*>(&message)) {
     if (!pb::Role_IsValid(member->role())) member->clear_role();
     if (member->has_moved()) member->mutable_moved()->clear_camera();
+  } else if (auto* world = dynamic_cast<pb::World*>(&message)) {
+    if (!pb::Known_IsValid(world->known())) world->clear_known();
   } else if (auto* figures = dynamic_cast<pb::Figures*>(&message)) {
     figures->set_valid_leaves(figures->leaves());
   } else if (auto* candidates = dynamic_cast<pb::Candidates*>(&message)) {

@@ -40,7 +40,7 @@ TEST(Question, Poses) {
   const auto other =
       parse("x=1e12&z=0&y=900&yaw=0&pitch=0&fov=45&width=640&height=360&threshold=2&compression=draco&normals=0&colours=0", kLimits);
   ASSERT_TRUE(other);
-  EXPECT_FALSE(std::get<OfPose>(other->of).aboveGround || other->normals || other->colours);
+  EXPECT_FALSE(std::get<OfPose>(other->of).aboveGround || other->attributes.normals || other->attributes.colours);
   EXPECT_EQ(std::get<OfPose>(other->of).camera.pose.x, 256'000'000'000'000);
   EXPECT_EQ(other->compression, gltf::Compression::kDraco);
 }

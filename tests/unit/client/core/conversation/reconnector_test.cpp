@@ -347,9 +347,12 @@ TEST(Reconnector, ARecordingMayGoBackBeforeItsEdits) {
   EXPECT_EQ(journey.reconnector.conversation().takeEdits().made.size(), 9u);
   journey.loses();
   EXPECT_EQ(journey.reconnector.conversation().takeEdits().after, 9u) << "none are void until it is back";
-  journey.returns(greeting(2));
-  EXPECT_FALSE(journey.reconnector.otherWorld());
+  journey.begins(greeting(2));
   EXPECT_EQ(journey.hello().editsAfter, 0u);
+  EXPECT_EQ(journey.hears(wire::Clock{.mode = wire::ClockMode::kStepped, .end = 1}), "");
+  ASSERT_TRUE(journey.reconnector.hasReturned());
+  EXPECT_FALSE(journey.reconnector.otherWorld());
+  journey.reconnector.goOn({});
   EXPECT_EQ(journey.hears(edited(1, 2)), "");
   const EditsMade edits = journey.reconnector.conversation().takeEdits();
   EXPECT_EQ(edits.after, 0u);
