@@ -1,8 +1,8 @@
 #pragma once
-// Normals, colours and materials of a mesh's vertices, from the terrain itself, not from the triangles. A normal is the slope of the true terrain
-// over half the width of the vertex's triangles; a colour is the terrain's at that width. A vertex is the same in all leaves that share
-// it, and in other boxes and tiles of the same error that share a side: there its width is the distance to the nearer neighbour along it,
-// which both know, and at corners, which four know, it follows from the error. So there are no seams.
+// Normals, colours and materials of a mesh's vertices, from the terrain itself, not from the triangles. A normal is the slope of the true
+// terrain over half the width of the vertex's triangles; a colour is the terrain's at that width. A vertex is the same in all leaves that
+// share it, and in other boxes and tiles of the same error that share a side: there its width is the distance to the nearer neighbour
+// along it, which both know, and at corners, which four know, it follows from the error. So there are no seams.
 
 #include <optional>
 #include <vector>

@@ -86,7 +86,8 @@ int main(int argc, char** argv) {
   for (int k = 0; k < 256; ++k) {
     const char* name = rc_terrain_material(terrain, (uint8_t)k);
     if (wheel.steps_on[k] > 0)
-      printf("%.0f %% of that on %s\n", 100.0 * (double)wheel.steps_on[k] / (double)rolling, name ? name : "ground of which it is not said");
+      printf("%.0f %% of that on %s\n", 100.0 * (double)wheel.steps_on[k] / (double)rolling,
+             name ? name : "ground of which it is not said");
   }
   printf("a step: %.2f us (median), %.2f us (p99), %.2f us (worst)\n", 1e6 * times[steps / 2], 1e6 * times[steps * 99 / 100],
          1e6 * times[steps - 1]);

@@ -35,13 +35,12 @@ TEST(Glsl, compilesInEveryDialect) {
   const std::filesystem::path file = folder / "terrain.frag", log = folder / "log";
   for (const Description& d : builtIn()) {
     for (const std::string_view version : {"330 core", "450", "300 es"}) {
-      std::ofstream(file) << text(
-          version, *create(d.name, 1).value(),
-          "out vec4 colour;\n"
-          "void main() {\n"
-          "  vec3 c = shadeTerrain(ivec2(1, 2), gl_FragCoord.xy * 0.001, 0.1, vec3(0.0, 0.0, 1.0), 1.0, 2.0, 3u);\n"
-          "  colour = vec4(toDisplay(c + skyColor(vec3(0.0, 1.0, 0.0))), 1.0);\n"
-          "}\n");
+      std::ofstream(file) << text(version, *create(d.name, 1).value(),
+                                  "out vec4 colour;\n"
+                                  "void main() {\n"
+                                  "  vec3 c = shadeTerrain(ivec2(1, 2), gl_FragCoord.xy * 0.001, 0.1, vec3(0.0, 0.0, 1.0), 1.0, 2.0, 3u);\n"
+                                  "  colour = vec4(toDisplay(c + skyColor(vec3(0.0, 1.0, 0.0))), 1.0);\n"
+                                  "}\n");
       const int status = std::system(("glslangValidator " + file.string() + " > " + log.string() + " 2>&1").c_str());
       std::ifstream in(log);
       EXPECT_EQ(status, 0) << d.name << " as " << version << ":\n" << std::string(std::istreambuf_iterator<char>(in), {});

@@ -29,7 +29,8 @@ const std::string kWorld =
     R"(terrain_source: "float h;" seed: 4000000000 content_hash: 18364758544493064720 step_bits: 8 horizon: 32000 )"
     R"(settings { metric: METRIC_PIXELS threshold: 1.5 triangle_budget: 500000 } window: 3 camera: 17 revision: 8 )"
     R"(height_map { origin_x: -5 origin_z: 1125899906842624 width: 10 height: 20 lowest: -300 highest: 4 content: 77 draped: true )"
-    R"(pitch_x: 8053063680 pitch_z: 26843546 } shaded_vertices: true edit: 6 compacted: 2 resume_key: "\001k" materials: "forest mud" known: KNOWN_PROVEN })";
+    R"(pitch_x: 8053063680 pitch_z: 26843546 } shaded_vertices: true edit: 6 compacted: 2 resume_key: "\001k" )"
+    R"(materials: "forest mud" known: KNOWN_PROVEN })";
 const std::string kIteration =
     R"(iteration { number: 1099511627776 pose_sequence: 77 gone { i: -1 j: 2 } gone { level: 10 i: 4 j: -4 } )"
     R"(whole { address { level: 3 i: 5 j: 6 } vertices: 4 triangles: 2 payload: "\000\377\007" error: 0.5 shades: "s" } )"
