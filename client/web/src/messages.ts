@@ -136,6 +136,7 @@ export type FromEngine =
   | { kind: 'touched'; touched?: Touched } // the answer to a brush
   | { kind: 'heights'; number: number; metres: Float64Array<ArrayBuffer> } // of the mesh; NaN where it has none
   | ({ kind: 'lost' } & Loss)
+  | { kind: 'silence'; isSilent: boolean } // of the server, for some seconds
   | { kind: 'figures'; figures: Figures }
   | { kind: 'ground'; metres: number }; // of the mesh below the newest pose
 

@@ -86,6 +86,54 @@ for (const [size, name, more, least] of [
     assert.deepEqual(viewer.complaints, []);
   });
 
+// M, M, Esc made somebody "m".
+test('lists open and close by their keys, and a name is changed by nobody who does not want to', async () => {
+  const viewer = await Viewer.open(browser, `${server.http}/${PLACE}`, DESK);
+  const { page } = viewer;
+  const start = await viewer.until('connected', (r) => r.connected && r.figures !== undefined);
+  const open = (): Promise<string[]> => page.evaluate(() => [...document.querySelectorAll('dialog[open]')].map((e) => e.id));
+  const name = page.locator('#own-name input');
+  await name.evaluate((e: HTMLInputElement) => (e.value = ''));
+  await page.focus('#view');
+  for (const [keys, shown] of [
+    ['m', 'who'], ['m', ''], ['m', 'who'], ['Escape', ''], ['m', 'who'], ['h', 'help-text'], ['h', ''], ['j', 'worlds'], ['j', ''],
+  ] as const) {
+    await page.keyboard.press(keys);
+    assert.equal((await open()).join(), shown, keys);
+  }
+  assert.equal(await name.inputValue(), '');
+  await page.keyboard.press('m');
+  await page.keyboard.down('w');
+  await viewer.until('flying on', (r) => Math.abs(r.pose.z - start.pose.z) > 5);
+  await page.keyboard.up('w');
+  await name.fill('Ada');
+  await page.keyboard.press('Escape');
+  assert.deepEqual(await open(), []);
+  assert.equal(await page.evaluate(() => localStorage.getItem('name')), null);
+  await page.keyboard.press('m');
+  assert.equal(await name.inputValue(), '');
+  await name.fill('Ada');
+  await page.keyboard.press('Enter');
+  assert.equal(await page.evaluate(() => localStorage.getItem('name')), 'Ada');
+});
+
+test('a server that is silent is told within 5 s, and when it speaks again', async () => {
+  const viewer = await Viewer.open(browser, `${server.http}/${PLACE}`, DESK);
+  await viewer.until('connected', (r) => r.connected && r.figures !== undefined);
+  const light = (state: string): Promise<unknown> => viewer.page.waitForSelector(`#light[data-state=${state}]`, { state: 'attached' });
+  await light('on');
+  const world = await viewer.page.textContent('#world');
+  server.signal('SIGSTOP');
+  try {
+    await light('wait');
+    assert.equal(await viewer.page.textContent('#world'), 'the server is silent');
+  } finally {
+    server.signal('SIGCONT');
+  }
+  await light('on');
+  assert.equal(await viewer.page.textContent('#world'), world);
+});
+
 test('keys press buttons, change speed and divider, and keep their focus', async () => {
   const viewer = await Viewer.open(browser, `${server.http}/${PLACE}&mode=split`, DESK);
   const { page } = viewer;

@@ -98,6 +98,7 @@ export class Engine {
       // A page cannot set headers of a WebSocket: a token travels as a subprotocol.
       open: (elsewhere, showsToken) => new WebSocket((elsewhere || origin) + pathname + search, token && showsToken ? ['ridgecast.v1', `bearer.${token}`] : []) as unknown as Socket,
       onLost: (loss) => this.tell({ kind: 'lost', ...loss }),
+      onSilence: (isSilent) => this.tell({ kind: 'silence', isSilent }),
       explain: () => explain(url, token),
       ...(searchParams.has('terrain') ? { timeout: MAKING_TIMEOUT } : {}),
     });

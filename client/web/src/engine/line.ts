@@ -5,6 +5,7 @@ import type { Core } from '../core/core';
 import type { Loss } from '../messages';
 
 const TIMEOUT = 15_000; // ms from an attempt to the world, unless told otherwise
+const SILENCE = 4_000; // ms; the server tells the time each second
 const MAX_MESSAGE = 256 * 2 ** 20;
 
 /** What a line needs of a WebSocket. */
@@ -21,6 +22,8 @@ export interface Options {
   /** `elsewhere`: the origin of another server than the one named at first (ws://HOST:PORT); empty: that one. */
   open: (elsewhere: string, showsToken: boolean) => Socket;
   onLost: (loss: Loss) => void;
+  /** Nothing has come for a while, or something again. */
+  onSilence?: (isSilent: boolean) => void;
   /** More where the server may have to compile the world first. */
   timeout?: number;
   /** Why a socket could not even be opened, where that can be found out; sockets do not say. */
@@ -36,6 +39,7 @@ export class Line {
   private watchdog: ReturnType<typeof setTimeout> | undefined;
   private elsewhere = '';
   private over = false;
+  private isSilent = false;
 
   constructor(
     private readonly core: Core,
@@ -93,12 +97,19 @@ export class Line {
     if (!(data instanceof ArrayBuffer) || data.byteLength > MAX_MESSAGE) return this.hangUp('The server sent a message that is not binary, or too large');
     this.heardAt = performance.now();
     this.core.heard(new Uint8Array(data));
-    if (this.socket && this.core.isGreeted) clearTimeout(this.watchdog);
+    if (this.socket && this.core.isGreeted) this.listen();
     this.go();
+  }
+
+  private listen(): void {
+    clearTimeout(this.watchdog);
+    this.watchdog = setTimeout(() => this.options.onSilence?.((this.isSilent = true)), SILENCE);
+    if (this.isSilent) this.options.onSilence?.((this.isSilent = false));
   }
 
   private forget(): void {
     clearTimeout(this.watchdog);
+    this.isSilent = false;
     if (this.socket) this.socket.onopen = this.socket.onmessage = this.socket.onclose = null;
     this.socket = undefined;
   }

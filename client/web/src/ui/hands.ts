@@ -23,7 +23,7 @@ export class Hands {
   constructor(private readonly canvas: HTMLCanvasElement) {
     window.addEventListener('keydown', (event) => {
       const target = event.target as HTMLElement;
-      const typing = target.closest('input:not([type=range]), select, textarea, dialog') && !target.closest('dialog:not([open])'); // a closed one may keep the focus
+      const typing = target.closest('input:not([type=range]), select, textarea') && !target.closest('dialog:not([open])'); // a closed one may keep the focus
       if (typing || event.ctrlKey || event.metaKey || event.altKey) return;
       if ((event.code === 'Space' || event.code === 'Enter') && target.closest('button, a, summary')) return; // it presses that
       if (this.onKey(event.code, event.repeat)) event.preventDefault(); // it is not typed into what it opened

@@ -5,13 +5,14 @@ import { Pose, distanceTo } from '../render/view';
 import { memberColour } from '../render/colours';
 import { element } from './notices';
 import { remember, remembered } from './memory';
+import { Panel } from './panel';
 
 const UNNAMED = 'ridgecast-web'; // core::nameOf() calls it a guest
 
 export const distanceText = (metres: number): string => (metres < 1000 ? `${Math.round(metres)} m` : `${(metres / 1000).toLocaleString('en', { maximumFractionDigits: 1 })} km`);
 
 export class People {
-  private readonly dialog = element<HTMLDialogElement>('who');
+  private readonly panel = new Panel('who');
   private readonly field = element('own-name').querySelector('input')!;
   private others: MemberTold[] = [];
   private count = 0; // of all others, named or not
@@ -19,6 +20,9 @@ export class People {
   constructor(private readonly on: { fly: (to: NonNullable<MemberTold['at']>) => void; renamed: () => void }) {
     this.field.value = remembered('name');
     this.field.addEventListener('change', () => this.rename(this.field.value));
+    this.field.addEventListener('keydown', (event) => {
+      if (event.key === 'Escape') this.field.value = remembered('name');
+    });
     element('own-name').addEventListener('submit', (event) => {
       event.preventDefault();
       this.field.blur(); // which changes it
@@ -40,13 +44,12 @@ export class People {
     element('people').textContent = count === 0 ? 'only you' : `${count + 1} here`;
   }
 
-  show(pose: Pose): void {
-    this.list(pose);
-    this.dialog.showModal();
+  toggle(pose: Pose): void {
+    if (this.panel.toggle()) this.list(pose);
   }
   /** Keeps what is shown up to date. */
   draw(pose: Pose): void {
-    if (this.dialog.open) this.list(pose);
+    if (this.panel.isOpen) this.list(pose);
   }
 
   /** The nearest first. */
@@ -71,13 +74,14 @@ export class People {
     button.title = 'Fly there';
     button.disabled = !member.at;
     button.onclick = () => {
-      this.dialog.close();
+      this.panel.close();
       if (member.at) this.on.fly(member.at);
     };
   }
 
   private rename(name: string): void {
     this.field.value = name.replace(/[\u0000-\u001f\u007f-\u009f]/g, '').trim().slice(0, this.field.maxLength);
+    if (this.field.value === remembered('name')) return;
     remember('name', this.field.value);
     this.on.renamed();
   }

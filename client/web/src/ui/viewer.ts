@@ -14,6 +14,7 @@ import { Place, placeOf, readPlace, writePlace } from './link';
 import { Members } from './members';
 import { Notices, element } from './notices';
 import { PainterLink } from './painter_link';
+import { Panel } from './panel';
 import { People } from './people';
 import { Statistics } from './statistics';
 import { Toggle, Toolbar } from './toolbar';
@@ -107,7 +108,7 @@ export class Viewer {
   }
 
   private listen(): void {
-    const { hands } = this;
+    const { hands } = this, help = new Panel('help-text');
     hands.attachTouch(element('stick'), element('lift'), element('pace'));
     const actions: Record<string, () => void> = {
       mesh: () => this.setMode('mesh'),
@@ -121,9 +122,9 @@ export class Viewer {
       picture: () => this.painter.send({ kind: 'picture' }),
       gltf: () => void this.keepMesh(),
       link: () => void this.copyLink(),
-      help: () => element<HTMLDialogElement>('help-text').showModal(),
-      worlds: () => void this.worlds.show(this.engine.world?.session, this.authorization()),
-      people: () => this.people.show(this.flying.pose),
+      help: () => void help.toggle(),
+      worlds: () => void this.worlds.toggle(this.engine.world?.session, this.authorization()),
+      people: () => this.people.toggle(this.flying.pose),
       edit: () => void this.edit(),
       undo: () => this.editor.undo(),
       road: () => this.editor.endRoad(),
@@ -203,6 +204,8 @@ export class Viewer {
         return this.enter(message.world);
       case 'lost':
         return this.showLost(message);
+      case 'silence':
+        return this.showConnected(message.isSilent);
       case 'ground':
         if (this.ground === 'of the mesh') this.beginAbove(message.metres);
         return;
@@ -223,13 +226,13 @@ export class Viewer {
   }
 
   private enter(world: WorldTold): void {
-    const { terrain, seed, session, lacks, threshold, map } = world;
+    const { terrain, lacks, threshold, map } = world;
     this.clock.enter(world);
     this.makingSince = 0;
     clearTimeout(this.losing);
     this.notices.noProblem();
     this.notices.note('', 0);
-    this.notices.light('on', `${terrain}, seed ${seed}${session === 'default' ? '' : ` · ${session}`}`);
+    this.showConnected(false);
     document.title = `${terrain} · Ridgecast`;
     if (lacks && this.look.mode !== 'mesh') this.setMode('mesh');
     this.toolbar.allowTerrain(!lacks);
@@ -237,6 +240,12 @@ export class Viewer {
     if (map && this.place.isAnywhere) this.goOnto(map);
     this.place.isAnywhere = false;
     void this.askGround();
+  }
+
+  private showConnected(isSilent: boolean): void {
+    const { terrain, seed, session } = this.engine.world!;
+    if (isSilent) this.notices.light('wait', 'the server is silent');
+    else this.notices.light('on', `${terrain}, seed ${seed}${session === 'default' ? '' : ` · ${session}`}`);
   }
 
   private async edit(): Promise<void> {

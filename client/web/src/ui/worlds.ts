@@ -1,6 +1,7 @@
 // The dialog of worlds and places: a place to jump to, the server's sessions, and a world of one's own of the server's terrains.
 
 import { element } from './notices';
+import { Panel } from './panel';
 
 /** A world to go to; an empty terrain: the session that there is. */
 export interface World {
@@ -18,7 +19,7 @@ interface Terrain {
 }
 
 export class Worlds {
-  private readonly dialog = element<HTMLDialogElement>('worlds');
+  private readonly panel = new Panel('worlds');
   private readonly form = element<HTMLFormElement>('make');
   private readonly choice = this.form.querySelector('select')!;
   private terrains: Terrain[] = [];
@@ -33,14 +34,14 @@ export class Worlds {
     field.addEventListener('input', () => field.setCustomValidity(''));
     element('jump').addEventListener('submit', (event) => {
       event.preventDefault();
-      if (this.on.jump(field.value)) return this.dialog.close();
+      if (this.on.jump(field.value)) return this.panel.close();
       field.setCustomValidity('Two numbers, x and z in metres, or a link to a place.');
       field.reportValidity();
     });
   }
 
-  async show(current: string | undefined, headers: Record<string, string>): Promise<void> {
-    this.dialog.showModal();
+  async toggle(current: string | undefined, headers: Record<string, string>): Promise<void> {
+    if (!this.panel.toggle()) return;
     const list = element('sessions'), state = element('asking'), ask = async (path: string): Promise<unknown> => {
       const answer = await fetch(path, { headers });
       if (!answer.ok) throw new Error((await answer.text()).trim());
@@ -100,7 +101,7 @@ export class Worlds {
   }
 
   private leave(world: World): void {
-    this.dialog.close();
+    this.panel.close();
     this.on.goTo(world);
   }
 }
