@@ -117,6 +117,17 @@ test('lists open and close by their keys, and a name is changed by nobody who do
   assert.equal(await page.evaluate(() => localStorage.getItem('name')), 'Ada');
 });
 
+test('the error and the correction that somebody chose last are there again', async () => {
+  const viewer = await Viewer.open(browser, `${server.http}/#x=1400&z=3600&y=2830&yaw=-20&pitch=-12`, DESK);
+  await viewer.until('connected', (r) => r.connected && r.figures !== undefined);
+  await viewer.page.selectOption('#threshold', '16');
+  await viewer.page.keyboard.press('t');
+  await viewer.page.goto(`${server.http}/?again#x=1400&z=3600&y=2830`);
+  await viewer.until('connected again', (r) => r.connected && r.figures !== undefined);
+  assert.equal(await viewer.page.inputValue('#threshold'), '16');
+  assert.equal(await viewer.page.getAttribute('[data-toggle=corrected]', 'aria-pressed'), 'false');
+});
+
 test('a server that is silent is told within 5 s, and when it speaks again', async () => {
   const viewer = await Viewer.open(browser, `${server.http}/${PLACE}`, DESK);
   await viewer.until('connected', (r) => r.connected && r.figures !== undefined);

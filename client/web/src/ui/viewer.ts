@@ -12,6 +12,7 @@ import { Hands } from './hands';
 import { byCode, listKeys } from './keys';
 import { Place, placeOf, readPlace, writePlace } from './link';
 import { Members } from './members';
+import { remember, remembered } from './memory';
 import { Notices, element } from './notices';
 import { PainterLink } from './painter_link';
 import { Panel } from './panel';
@@ -34,13 +35,16 @@ function pixels(): { width: number; height: number } {
 const lens = (): { verticalFov: number; width: number; height: number } => ({ verticalFov: VERTICAL_FOV, ...pixels() });
 const sentenceOf = (error: unknown): string => (error instanceof Error ? error.message : String(error));
 
+/** Pixels: as the link says, else as it was chosen last; 0: the server's own. */
+const thresholdOf = (place: Place): number => place.threshold ?? Number(remembered('threshold'));
+
 export class Viewer {
   readonly flying: Flying;
   readonly engine: EngineLink;
   readonly painter: PainterLink;
   private readonly canvas = element<HTMLCanvasElement>('view');
   private readonly place = readPlace(location);
-  private readonly look: Look = { mode: this.place.mode, divider: 0.5, wireframe: false, nodes: false, candidates: false, corrected: true };
+  private readonly look: Look = { mode: this.place.mode, divider: 0.5, wireframe: false, nodes: false, candidates: false, corrected: remembered('corrected') !== 'no' };
   private readonly hands = new Hands(this.canvas);
   private readonly notices = new Notices();
   private readonly welcome = new Welcome(this.notices);
@@ -182,7 +186,7 @@ export class Viewer {
     if (!this.draws) return;
     this.makingSince = this.place.terrain ? performance.now() : 0;
     this.notices.noProblem();
-    this.engine.connect(this.streamUrl(), { threshold: this.place.threshold ?? 0, token: this.token, name: this.people.ownName });
+    this.engine.connect(this.streamUrl(), { threshold: thresholdOf(this.place), token: this.token, name: this.people.ownName });
   }
 
   /** For good. */
@@ -337,12 +341,14 @@ export class Viewer {
     const { look, notices } = this, lacks = this.engine.world?.lacks;
     if (lacks) return notices.note(`${lacks}: the mesh is drawn as it is.`);
     look.corrected = !look.corrected;
+    remember('corrected', look.corrected ? 'yes' : 'no');
     notices.note(look.corrected ? 'The mesh, corrected onto the true surface.' : 'The mesh as it is.');
     this.setLook();
   }
 
   private setThreshold(threshold: number): void {
     this.place.threshold = threshold;
+    remember('threshold', String(threshold));
     this.engine.send({ kind: 'threshold', pixels: threshold });
   }
 
@@ -383,7 +389,7 @@ export class Viewer {
     if (!Number.isFinite(next.pose.y)) this.ground = 'wanted';
     if (elsewhere) return this.connect();
     void this.askGround();
-    if (finer) this.engine.send({ kind: 'threshold', pixels: next.threshold ?? 0 }); // 0: the server's own
+    if (finer) this.engine.send({ kind: 'threshold', pixels: thresholdOf(next) });
   }
 
   /** Where somebody types to go; false: that is no place. A place without a world is in this one. */
