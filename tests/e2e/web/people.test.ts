@@ -22,7 +22,7 @@ interface AxeResults {
   violations: { id: string; nodes: { html: string }[] }[];
 }
 
-const DESK = { width: 1280, height: 720 }, PHONE = { width: 390, height: 844 };
+const DESK = { width: 1280, height: 720 }, PHONE = { width: 390, height: 844 }, LANDSCAPE = { width: 844, height: 390 };
 const FINGERS = { hasTouch: true, isMobile: true };
 const PLACE = '#x=1400&z=3600&y=2830&yaw=-20&pitch=-12&threshold=16';
 const AXE = readFileSync(createRequire(needed('RIDGECAST_WEB') + '/').resolve('axe-core/axe.min.js'), 'utf8');
@@ -59,13 +59,13 @@ async function misfits(viewer: Viewer, least: number): Promise<string[]> {
 for (const [size, name, more, least] of [
   [DESK, 'a desk', {}, 24],
   [PHONE, 'a telephone', FINGERS, 40],
+  [LANDSCAPE, 'a telephone on its side', FINGERS, 40],
 ] as const)
   test(`axe-core finds nothing on ${name}, and everything has its room`, async () => {
     const viewer = await Viewer.open(browser, `${server.http}/${PLACE}&mode=split`, size, more);
     await viewer.until('connected', (r) => r.connected && r.frames !== undefined);
     const press = async (selector: string): Promise<void> => viewer.page.locator(selector).click();
-    const isPhone = size === PHONE;
-    if (isPhone) await press('#more');
+    if (size !== DESK) await press('#more');
     for (const toggle of ['nodes', 'candidates', 'figures']) await press(`[data-toggle=${toggle}]`);
     await press('#timing');
     await hasNoFaults(viewer, 'the page');

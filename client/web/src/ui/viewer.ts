@@ -197,7 +197,7 @@ export class Viewer {
   }
 
   private showWaiting(): void {
-    this.welcome.show(this.engine.figures?.decoded ?? 0, this.painter.frames !== undefined);
+    if (this.engine.world) this.welcome.show(this.engine.figures?.decoded ?? 0, this.painter.frames !== undefined);
     const seconds = Math.floor((performance.now() - this.makingSince) / 1000);
     if (this.makingSince > 0 && seconds >= 2) this.notices.light('wait', `waiting for the server to prepare the terrain, ${seconds} s`);
   }
@@ -333,6 +333,7 @@ export class Viewer {
     if (name === 'corrected') return this.toggleCorrected();
     if (name === 'figures') this.statistics.wanted = !this.statistics.wanted;
     else this.look[name] = !this.look[name];
+    if (name === 'wireframe' && this.look.wireframe && (this.engine.world?.threshold ?? 0) <= 1) this.notices.note('Triangles are about as small as pixels at this error; at 4 px they are seen.', 6000);
     if (name === 'candidates') this.engine.send({ kind: 'candidates', wanted: this.look.candidates });
     this.setLook();
   }

@@ -11,8 +11,8 @@ export class Welcome {
   constructor(private readonly notices: Notices) {}
 
   show(triangles: number, hasPicture: boolean): void {
-    if (this.over || (!hasPicture && triangles === 0)) return;
-    if (!hasPicture) return this.notices.aside(`${triangles.toLocaleString('en')} triangles received`, 0);
+    if (this.over) return;
+    if (!hasPicture) return this.notices.aside(triangles === 0 ? 'The mesh is on its way' : `${triangles.toLocaleString('en')} triangles received`, 0);
     this.over = true;
     if (remembered('welcomed')) return this.notices.aside('', 0);
     remember('welcomed', 'yes');
