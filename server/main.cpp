@@ -1,7 +1,7 @@
 // ridgecast-server: reads its settings, puts the rooms together, serves until SIGINT or SIGTERM, of which a second one does not wait for
 // clients. SIGHUP reads certificate and tokens again, SIGUSR1 drains (not ready, clients are told to connect again), SIGUSR2 makes it ready
 // again.
-// ridgecast-server healthy checks a running one; ridgecast-server snapshot makes a file and serves nothing; ridgecast-server edits manages
+// ridgecast-server healthy checks a running one, ridgecast-server check a terrain; ridgecast-server snapshot makes a file and serves nothing; ridgecast-server edits manages
 // logs of edits; ridgecast-server replay repeats recordings.
 // Exit status: 0 after a signal, 1 when something failed while running, 2 when the settings cannot be met.
 
@@ -34,6 +34,7 @@
 #include "common/raster/raster_terrain.h"
 #include "common/text/text.h"
 #include "server/bus/redis.h"
+#include "server/check_command.h"
 #include "server/config/config.h"
 #include "server/directory/directory.h"
 #include "server/edits_command.h"
@@ -373,6 +374,7 @@ int healthy(int argc, char** argv) {
 int main(int argc, char** argv) {
   if (argc > 1 && std::string_view(argv[1]) == "healthy") return healthy(argc - 1, argv + 1);
   if (const auto status = glsl::asProbe(argc, argv)) return *status;
+  if (argc > 1 && std::string_view(argv[1]) == "check") return runCheckCommand(argc - 1, argv + 1, environ);
   if (argc > 1 && std::string_view(argv[1]) == "snapshot") return runSnapshotCommand(argc - 1, argv + 1, environ);
   if (argc > 1 && std::string_view(argv[1]) == "edits") return runEditsCommand(argc - 1, argv + 1, environ);
   if (argc > 1 && std::string_view(argv[1]) == "replay") return runReplayCommand(argc - 1, argv + 1, environ, serveBySettings);

@@ -266,10 +266,11 @@ Parsed parse(int argc, const char* const* argv, const char* const* environment) 
   CLI::App app(
       "Streams endless terrain, triangulated for each camera. 'ridgecast-server token' issues tokens;\n"
       "'ridgecast-server healthy' checks a running server with the same settings;\n"
+      "'ridgecast-server check FILE' tries a terrain file or a height map, and says what it is;\n"
       "'ridgecast-server snapshot FILE|FOLDER/ QUERY' makes a snapshot, or tiles, of the terrain without serving it;\n"
       "'ridgecast-server edits list|export|import|compact|verify|backup FILE' manages a session's log of edits;\n"
       "'ridgecast-server replay FILE|DIR' repeats recordings (--record) and compares every mesh.\n"
-      "--help after token, snapshot, edits or replay says more.\n"
+      "--help after token, check, snapshot, edits or replay says more.\n"
       "A flag overrides its environment variable (--max-cameras: RIDGECAST_MAX_CAMERAS), which overrides the settings file.",
       "ridgecast-server");
   app.formatter(std::make_shared<FirstNames>());

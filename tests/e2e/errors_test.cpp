@@ -56,6 +56,21 @@ TEST(ServerErrors, WrongArguments) {
   expectError(server({"--port", "0", "--port-file", "/no/such/folder/port"}), kWrongInput, {"ridgecast-server: ", "/no/such/folder/port"});
 }
 
+TEST(Server, ChecksATerrain) {
+  const std::string tutorial = RIDGECAST_PATHS "/../../../common/terrain/tutorial/dunes.glsl",
+                    bad = RIDGECAST_PATHS "/../../../tests/cases/terrain/";
+  const Finished dunes = server({"check", tutorial, "--param", "tallest=300"});
+  EXPECT_EQ(dunes.code, 0) << dunes.output;
+  EXPECT_THAT(dunes.output, HasSubstr("dunes.glsl can be served: "));
+  EXPECT_THAT(dunes.output, HasSubstr(" --param tallest = 300 "));
+  const Finished alpine = server({"check", "alpine"});
+  EXPECT_EQ(alpine.code, 0);
+  EXPECT_THAT(alpine.output, testing::ContainsRegex("made of .*grass [0-9.]+ %"));
+  expectError(server({"check", bad + "int-for-float.glsl"}), kWrongInput, {"int-for-float.glsl:", "write "});
+  expectError(server({"check"}), kWrongInput, {"ridgecast-server check: Say FILE"});
+  expectError(server({"check", "/no/such.tif"}), kWrongInput, {"ridgecast-server check: ", "/no/such.tif"});
+}
+
 TEST(ServerErrors, PortInUse) {
   ServerProcess first(RIDGECAST_SERVER);
   expectError(server({"--port", std::to_string(first.port())}), kWrongInput,
