@@ -38,6 +38,27 @@ cmake -S "$scratch/example" -B "$scratch/out" -DCMAKE_PREFIX_PATH="$prefix" -DCM
 cmake --build "$scratch/out" 2>&1 | tail -n 40
 ! ldd "$scratch/out/example" | grep -E 'libGL|libEGL|libglfw|libepoxy' || { echo "the example needs OpenGL" >&2; exit 1; }
 
+# A program in C needs a C compiler alone, by CMake and by pkg-config.
+mkdir "$scratch/c"
+cp "$source/client/example/heights.c" "$scratch/c"
+cat >"$scratch/c/CMakeLists.txt" <<'TEXT'
+cmake_minimum_required(VERSION 3.25)
+project(InC LANGUAGES C)
+foreach(package Boost OpenSSL draco nlohmann_json TIFF PNG Threads)
+  set(CMAKE_DISABLE_FIND_PACKAGE_${package} ON)
+endforeach()
+find_package(Ridgecast REQUIRED COMPONENTS c)
+add_executable(heights heights.c)
+target_link_libraries(heights PRIVATE Ridgecast::c)
+TEXT
+cmake -S "$scratch/c" -B "$scratch/c/out" -DCMAKE_PREFIX_PATH="$prefix" >"$scratch/configure.log" 2>&1 || { cat "$scratch/configure.log" >&2; exit 1; }
+cmake --build "$scratch/c/out" >"$scratch/build.log" 2>&1 || { cat "$scratch/build.log" >&2; exit 1; }
+pc=$(dirname "$(find "$prefix" -name ridgecast.pc)")
+# shellcheck disable=SC2046
+PKG_CONFIG_PATH=$pc cc "$scratch/c/heights.c" -o "$scratch/c/by-pkg-config" $(PKG_CONFIG_PATH=$pc pkg-config --cflags --libs ridgecast)
+libraries=$(dirname "$(find "$prefix/lib" -name libridgecast.so.1)")
+[[ $(LD_LIBRARY_PATH=$libraries "$scratch/c/out/heights") == "$(LD_LIBRARY_PATH=$libraries "$scratch/c/by-pkg-config")" ]]
+
 [[ $(LD_LIBRARY_PATH=$(dirname "$(find "$prefix/lib" -name libridgecast.so.1)") "$scratch/out/heights" | grep -c ' m$') -eq 3 ]]
 for program in ridgecast-server ridgecast-client; do
   said=$("$prefix/bin/$program" --version)
