@@ -330,6 +330,8 @@ MUTANTS = [
     ("common/raster/classes.cpp", "if (std::isnan(v) || (header.noData && v == *header.noData)) continue;", "if (std::isnan(v)) continue;", "test raster_files_test"),
     ("common/raster/classes.cpp", "const double i = std::floor(grid_.x.at(x) + 0.5)", "const double i = std::floor(grid_.x.at(x))", "test raster_files_test"),
     ("common/edits/edited_terrain.cpp", "painted != 0) out[k] = painted;", "painted != 0 && out[k] == 0) out[k] = painted;", "test edits_test"),
+    ("server/snapshot/attributes.cpp", "x.push_back(v.x), z.push_back(v.z);", "x.push_back(v.z), z.push_back(v.x);", "test snapshot_test"),
+    ("common/gltf/glb.cpp", "std::vector<std::uint32_t> offsets{0};", "std::vector<std::uint32_t> offsets;", "test gltf_test"),
     # The stream's bytes.
     ("common/wire/table.h", "if (found.chosen != kRows<T>) found.held[found.chosen] = {};", "", "test wire_test"),
     ("common/wire/table.h", "    if (there) earlier->push_back(last);\n", "", "test wire_test"),
