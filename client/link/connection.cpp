@@ -44,13 +44,13 @@ struct Connection::Impl final : WebSocket::Listener {
     thread_ = std::thread([this] { run(); });
     const std::stop_callback stopped(options_.waiting.stop, [this] {
       const std::lock_guard lock(mutex_);
-      givesUp_ = !hasBegun();
+      givesUp_ = !hasWorld();
       if (givesUp_ && socket_) socket_->giveUp();
       changed_.notify_all();
     });
     std::unique_lock lock(mutex_);
-    changed_.wait(lock, [&] { return hasBegun() || reconnector_.lost(); });
-    return hasBegun() ? std::nullopt : reconnector_.lost();
+    changed_.wait(lock, [&] { return hasWorld() || reconnector_.lost(); });
+    return hasWorld() ? std::nullopt : reconnector_.lost();
   }
 
   // Where there is somebody to say it to; what is wrong with it ends the line.
@@ -115,7 +115,7 @@ struct Connection::Impl final : WebSocket::Listener {
       return what(reconnector_);
   }
 
-  bool hasBegun() const { return reconnector_.conversation().hasBegun(); }
+  bool hasWorld() const { return reconnector_.conversation().hasWorld(); }
   void wake() {
     if (socket_) socket_->post([this] { write(); });
   }

@@ -69,7 +69,11 @@ Result<std::unique_ptr<World>> World::join(std::string_view url, const Options& 
     return Failure{Fault::kRefused, "the session's terrain has the hash " + text::hexadecimal(theirs) + ", and the one given " +
                                         text::hexadecimal(terrain::contentHash(*options.terrain)) +
                                         ": open the same file, with the same seed, parameters and options"};
-  return std::unique_ptr<World>(new World(std::move(*client), options));
+  std::unique_ptr<World> world(new World(std::move(*client), options));
+  if (world->info_.revision >= 1)
+    if (const auto heard = world->clockHeard(Clock::now() + options.timeout); !heard) return heard.error();
+  world->clock();
+  return world;
 }
 
 // Why a call failed that had until then.
@@ -144,8 +148,9 @@ Result<Mesh> World::ground(lattice::Point at, double radius, double error, Milli
 core::SessionClock World::clock() {
   client_->receive(0ms);
   auto clock = client_->connection().clock();
-  if (clock.version() > 0 && (lost_ || !isOther(known_, clock.said()))) known_ = clock.said();
-  return clock;
+  if (clock.version() == 0) return clock_;  // back, and not told yet
+  if (lost_ || !isOther(known_, clock.said())) known_ = clock.said();
+  return clock_ = clock;
 }
 
 // Waits until the clock heard satisfies `done`.

@@ -152,6 +152,7 @@ class World {
   const bool follows_;
   query::Ground ground_;
   wire::Clock known_;                    // to who uses this
+  core::SessionClock clock_;             // as clock() knew it last
   std::uint64_t step_ = 0;               // returned last by nextStep()
   std::optional<std::uint64_t> stepOf_;  // reconnections() then
 

@@ -309,7 +309,7 @@ MUTANTS = [
     ("client/core/conversation/reconnector.cpp", "  pause_ = std::min(2 * pause_, kLongestPause);\n", "", "test core_conversation_test"),
     ("client/core/conversation/reconnector.cpp", "after.edit < current_->edit() && !current_->isRecording()", "false", "test core_conversation_test"),
     ("client/core/conversation/reconnector.cpp", "  target_ = url_;\n", "", "test core_conversation_test"),
-    ("client/core/conversation/reconnector.h", "coming_->hasBegun() && !current_->hasIterations()", "coming_->hasBegun()", "test core_conversation_test"),
+    ("client/core/conversation/reconnector.h", "coming_->hasWorld() && !current_->hasIterations()", "coming_->hasWorld()", "test core_conversation_test"),
     ("client/core/conversation/reconnector.cpp", "  coming_.reset();\n", "", "test core_conversation_test"),
     ("client/core/conversation/reconnector.cpp", "  hello_.settings = settings;\n", "", "test core_conversation_test"),
     ("client/core/conversation/reconnector.cpp", "  current_->skipSteps(skipsSteps_);\n", "", "test core_conversation_test"),
@@ -324,7 +324,6 @@ MUTANTS = [
     ("client/core/ground/held_edits.cpp", "    known.isOld = true;\n", "", "test core_ground_test"),
     ("client/core/ground/held_edits.cpp", "if (!*decoded && squares.edit >= known->second.needs) {", "if (!*decoded) {", "test core_ground_test"),
     ("client/core/hands/editing.cpp", "  if (undoes > 0) keep(undoes);\n", "", "test core_hands_test"),
-    ("client/core/conversation/conversation.h", "world_.revision < 1 || clock_.version() > 0)", "true)", "test core_conversation_test"),
     ("client/core/conversation/conversation.cpp", "kMaterials && world_.revision < 8)", "kMaterials && world_.revision < 7)", "test core_conversation_test"),
     # What the ground is made of.
     ("common/raster/classes.cpp", "if (std::isnan(v) || (header.noData && v == *header.noData)) continue;", "if (std::isnan(v)) continue;", "test raster_files_test"),

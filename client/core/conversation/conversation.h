@@ -74,8 +74,6 @@ class Conversation {
   // ---- what was heard ----
 
   bool hasWorld() const { return hasWorld_; }
-  // It has the world and, if hello asked for the clock, that, which comes next: without it a clock that goes on would stand at 0.
-  bool hasBegun() const { return hasWorld_ && (!hello_.clock || world_.revision < 1 || clock_.version() > 0); }
   const wire::World& world() const { return world_; }
   const wire::Settings& granted() const { return granted_; }
   const Roster& roster() const { return roster_; }

@@ -42,7 +42,7 @@ class Reconnector {
     expects(hasLine_, "a line that opened was dialled");
     return ofLine().hello();
   }
-  bool isGreeted() const { return ofLine().hasBegun(); }
+  bool isGreeted() const { return ofLine().hasWorld(); }
   // As Conversation's, for the line's.
   Wrong heard(std::span<const std::uint8_t> frame, Instant now);
   std::optional<std::string> next(Instant now) { return ofLine().next(now); }
@@ -66,10 +66,10 @@ class Reconnector {
   bool comesBack() const {  // if it is lost
     return !speaksOther_ && (returns_ == Returns::kAlways || (returns_ == Returns::kToItsWorld && !otherWorld_ && current_->hasWorld()));
   }
-  // The next conversation has begun, and all earlier iterations are taken.
-  bool hasReturned() const { return coming_ && coming_->hasBegun() && !current_->hasIterations(); }
+  // The next conversation has its world, and all earlier iterations are taken.
+  bool hasReturned() const { return coming_ && coming_->hasWorld() && !current_->hasIterations(); }
   const wire::World& coming() const {
-    expects(hasReturned(), "the next conversation has begun");
+    expects(hasReturned(), "the next conversation has its world");
     return coming_->world();
   }
   // Says first which leaves are `held`, then the newest pose.

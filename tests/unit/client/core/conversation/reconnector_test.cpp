@@ -216,27 +216,6 @@ TEST(Reconnector, StepsAreSkippedAfterAReturnToo) {
   }));
 }
 
-// Between a world and its clock, a clock that goes on was read as 0.
-TEST(Reconnector, AConversationBeginsWithTheClockThatItAskedFor) {
-  Journey journey({.clock = true});
-  journey.begins();
-  EXPECT_FALSE(journey.reconnector.isGreeted());
-  EXPECT_EQ(journey.hears(wire::Clock{.time = 9'000'000}), "");
-  EXPECT_TRUE(journey.reconnector.isGreeted());
-  journey.loses();
-  journey.begins();
-  EXPECT_FALSE(journey.reconnector.hasReturned());
-  EXPECT_EQ(journey.reconnector.conversation().clock().said().time, 9'000'000u);
-  EXPECT_EQ(journey.hears(wire::Clock{.time = 9'500'000}), "");
-  ASSERT_TRUE(journey.reconnector.hasReturned());
-  journey.reconnector.goOn({});
-  EXPECT_EQ(journey.reconnector.conversation().clock().said().time, 9'500'000u);
-  journey.loses();
-  auto old = std::get<wire::World>(greeting());
-  old.revision = 0;
-  journey.returns(old);  // which knows no clocks
-}
-
 TEST(Reconnector, RequestsFailAtOnceWhileThereIsNobodyToAnswer) {
   Journey journey;
   journey.begins();
@@ -347,12 +326,9 @@ TEST(Reconnector, ARecordingMayGoBackBeforeItsEdits) {
   EXPECT_EQ(journey.reconnector.conversation().takeEdits().made.size(), 9u);
   journey.loses();
   EXPECT_EQ(journey.reconnector.conversation().takeEdits().after, 9u) << "none are void until it is back";
-  journey.begins(greeting(2));
-  EXPECT_EQ(journey.hello().editsAfter, 0u);
-  EXPECT_EQ(journey.hears(wire::Clock{.mode = wire::ClockMode::kStepped, .end = 1}), "");
-  ASSERT_TRUE(journey.reconnector.hasReturned());
+  journey.returns(greeting(2));
   EXPECT_FALSE(journey.reconnector.otherWorld());
-  journey.reconnector.goOn({});
+  EXPECT_EQ(journey.hello().editsAfter, 0u);
   EXPECT_EQ(journey.hears(edited(1, 2)), "");
   const EditsMade edits = journey.reconnector.conversation().takeEdits();
   EXPECT_EQ(edits.after, 0u);
