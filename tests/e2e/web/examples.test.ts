@@ -162,7 +162,7 @@ test('three.js says what the ground is made of', { timeout: 100 * PATIENCE, skip
     found.add(name);
   }
   assert.equal(found.size, 3, [...found].join(', '));
-  await page.evaluate('ridgecast.look(0, 0, 9000, 0, 60)');
+  await page.evaluate('ridgecast.look(0, 0, 9000, 0, 60), ridgecast.draw()');
   assert.equal(await page.evaluate('ridgecast.groundAt(100, 20)'), '', 'the sky is made of nothing');
 });
 
