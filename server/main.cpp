@@ -1,8 +1,8 @@
 // ridgecast-server: reads its settings, puts the rooms together, serves until SIGINT or SIGTERM, of which a second one does not wait for
 // clients. SIGHUP reads certificate and tokens again, SIGUSR1 drains (not ready, clients are told to connect again), SIGUSR2 makes it ready
 // again.
-// ridgecast-server healthy checks a running one, ridgecast-server check a terrain; ridgecast-server snapshot makes a file and serves nothing; ridgecast-server edits manages
-// logs of edits; ridgecast-server replay repeats recordings.
+// ridgecast-server healthy checks a running one, ridgecast-server check a terrain; ridgecast-server snapshot makes a file and serves
+// nothing; ridgecast-server edits manages logs of edits; ridgecast-server replay repeats recordings.
 // Exit status: 0 after a signal, 1 when something failed while running, 2 when the settings cannot be met.
 
 #include <sys/socket.h>
