@@ -3,10 +3,8 @@
 #include <algorithm>
 #include <array>
 #include <chrono>
-#include <filesystem>
 #include <iostream>
 #include <random>
-#include <span>
 #include <string>
 #include <string_view>
 #include <vector>

@@ -5,7 +5,7 @@ import type { Core } from '../core/core';
 import type { Loss } from '../messages';
 
 const TIMEOUT = 15_000; // ms from an attempt to the world, unless told otherwise
-const SILENCE = 4_000; // ms; the server tells the time each second
+const SILENCE = 4_000; // ms; a server that is there says each second what time it is, as the core asks
 const MAX_MESSAGE = 256 * 2 ** 20;
 
 /** What a line needs of a WebSocket. */
