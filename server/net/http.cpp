@@ -314,9 +314,9 @@ class Exchange {
     };
   }
 
-  // Reads the next request early, until the reply is there. One read at a time: tell() cancels it then.
+  // Reads the next request early, until the reply is there or the client has left. One read at a time: tell() cancels it then.
   asio::awaitable<void> watch(Awaited& awaited) {
-    while (!awaited.reply) {
+    while (!awaited.isOver()) {
       const std::size_t room = std::min<std::size_t>(4096, c_.buffer.max_size() - c_.buffer.size());
       if (room == 0) co_return;
       const auto [ec, bytes] = co_await c_.stream.async_read_some(c_.buffer.prepare(room), kTuple);

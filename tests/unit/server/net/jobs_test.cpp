@@ -285,6 +285,7 @@ class LaterTest : public testing::Test {
   void SetUp() override {
     logging::setUp(logging::Format::kText, logging::Level::kOff);
     settings.port = 0;
+    settings.maxConnections = kMaxConnections;
     settings.patientJobs = {1, 3, 0};
     settings.trustedProxies = {access::Network::parse("127.0.0.0/8").value()};
     auto resources = std::make_shared<session::Resources>();
@@ -355,6 +356,7 @@ class LaterTest : public testing::Test {
     return client.answer(hasBody);
   }
 
+  static constexpr int kMaxConnections = 8;
   scheduling::Executor executor{1};
   Settings settings;
   snapshot::Limits snapshots{.triangles = 20'000'000, .seconds = 600};
@@ -445,6 +447,19 @@ TEST_F(LaterTest, WhoHangsUpStopsHisSnapshot) {
   const double before = cpuSeconds();
   EXPECT_THAT(ask(get("/v1/sessions/default/snapshot.glb?x0=0&z0=0&x1=64&z1=64&error=1")), StartsWith("HTTP/1.1 200"));
   EXPECT_LT(cpuSeconds() - before, 5) << "it was made for nobody";
+}
+
+TEST_F(LaterTest, WhoHangsUpBeforeHisTurnLeavesNoConnection) {
+  SocketClient first(server->port());
+  first.send(get("/endless"));
+  ASSERT_TRUE(soon([&] { return began == 1; }));
+  for (int k = 1; k < kMaxConnections; ++k) {
+    SocketClient client(server->port());
+    client.send(get("/endless"));
+    ASSERT_TRUE(soon([&] { return asked == k + 1; })) << "who hung up is still counted, at " << k;
+  }
+  EXPECT_TRUE(soon([&] { return ask(get("/prompt")).starts_with("HTTP/1.1 200"); }));
+  EXPECT_EQ(began, 1);
 }
 
 TEST_F(LaterTest, TheServersEndStopsWork) {
