@@ -17,6 +17,7 @@
 #include <string>
 #include <vector>
 
+#include "common/lattice/lattice.h"
 #include "server/access/crypto.h"
 #include "tests/e2e/gltf_validator.h"
 #include "tests/support/geo_tiff.h"
@@ -131,7 +132,7 @@ double deviation(const ServerProcess& server, const mesh::LeafMesh& mesh, std::m
 // Rough hills: noise of six widths, 16 bits a sample.
 void writeMap(const std::string& file) {
   std::ofstream out(file, std::ios::binary);
-  const auto noise = [](int x, int z) { return static_cast<double>(std::mt19937(static_cast<unsigned>(x * 7919 + z))() % 1000) / 1000; };
+  const auto noise = [](int x, int z) { return static_cast<double>(lattice::mix(static_cast<unsigned>(x * 7919 + z)) % 1000) / 1000; };
   for (int z = 0; z < 500; ++z)
     for (int x = 0; x < 700; ++x) {
       double height = 0;
