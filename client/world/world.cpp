@@ -63,6 +63,7 @@ Result<std::unique_ptr<World>> World::join(std::string_view url, const Options& 
                           .near = options.everybody ? 0u : kNear,
                           .states = true,
                           .placesOnly = options.placesOnly || !options.camera};
+  const auto until = Clock::now() + options.timeout;
   auto client = link::Client::open(*parsed, hello, {.reconnects = options.reconnects, .timeout = options.timeout});
   if (!client) return Failure{Fault::kRefused, client.error().message};
   if (const std::uint64_t theirs = (*client)->world().contentHash; options.terrain && terrain::contentHash(*options.terrain) != theirs)
@@ -71,7 +72,7 @@ Result<std::unique_ptr<World>> World::join(std::string_view url, const Options& 
                                         ": open the same file, with the same seed, parameters and options"};
   std::unique_ptr<World> world(new World(std::move(*client), options));
   if (world->info_.revision >= 1)
-    if (const auto heard = world->clockHeard(Clock::now() + options.timeout); !heard) return heard.error();
+    if (const auto heard = world->clockHeard(until); !heard) return heard.error();
   world->clock();
   return world;
 }
