@@ -127,7 +127,7 @@ struct Case {
 const std::vector<Case> kCases{
     {"Grounds", 4,
      [](const Other& o) {
-       o.asMember({}, [](Member& m) { return m.say(wire::AskGround{1, {0, 0}, 2048, 0.02}) && m.next<wire::Ground>(); });
+       o.asMember({}, [](Member& m) { return m.say(wire::AskGround{1, {0, 0}, 1024, 0.1}) && m.next<wire::Ground>(); });
      }},
     {"Rays", 8,
      [](const Other& o) {

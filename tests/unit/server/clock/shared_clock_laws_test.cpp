@@ -7,6 +7,7 @@
 #include <set>
 #include <vector>
 
+#include "tests/support/sanitized.h"
 #include "tests/unit/server/clock/shared_clock.h"
 
 namespace ridgecast::clock {
@@ -175,7 +176,7 @@ class Course {
 
 class SharedClockLaws : public testing::TestWithParam<Course::Kind> {};
 TEST_P(SharedClockLaws, HoldForRandomCourses) {
-  std::vector<std::uint64_t> seeds(100);
+  std::vector<std::uint64_t> seeds(testing_support::rounds(100));
   std::iota(seeds.begin(), seeds.end(), 1);
   seeds.push_back(447);  // records were lost, and two servers led without any other
   for (const std::uint64_t seed : seeds) {

@@ -132,9 +132,9 @@ TEST(Handover, ARestoredMeshIsTheSameAndGoesOn) {
 // Edits under way: the next server may know more of them, and says so with its next ground.
 TEST(Handover, HeightsAreThoseOfTheEditThatTheClientKnows) {
   const auto base = terrain::create("alpine", 7).value();
-  for (unsigned seed = 1; seed <= 6; ++seed) {
+  for (int seed = 1; seed <= testing_support::rounds(6); ++seed) {
     SCOPED_TRACE(seed);
-    std::mt19937_64 random(seed);
+    std::mt19937_64 random(static_cast<unsigned>(seed));
     edits::History history(base);
     const lattice::Point middle{static_cast<lattice::Step>(random() % 100'000), 5'000};
     const auto edit = [&] {
@@ -218,7 +218,7 @@ TEST(Handover, HostileBytesMakeNoUnsoundMesh) {
       continue;
     }
     ++decoded;
-    if (decoded > 60) continue;  // slow
+    if (decoded > testing_support::rounds(60)) continue;  // slow
     Server after(terrain, settings, 1);
     if (!after.mesh->restore(checkpoint->mesh, camera)) {
       after.mesh->iterate(camera);  // it begins from nothing
