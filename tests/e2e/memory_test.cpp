@@ -1,6 +1,6 @@
-// What a server holds: memory, open files, children and a processor after many sessions have come and gone; and how much as many greedy cameras take as
-// there are places. MEMORY_ROUNDS=1200 is an hour in minutes, MEMORY_CAMERAS=256 a server of 4 GiB; with
-// MEMORY_STEPS=400 they use all that was granted.
+// What a server holds: memory, open files, children and a processor after many sessions have come and gone; and how much as many greedy
+// cameras take as there are places. MEMORY_ROUNDS=1200 is an hour in minutes, MEMORY_CAMERAS=256 a server of 4 GiB; with MEMORY_STEPS=400
+// they use all that was granted.
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
