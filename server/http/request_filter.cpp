@@ -139,6 +139,16 @@ bool RequestFilter::originMayAsk(std::string_view origin, std::string_view host)
   return scheme != std::string_view::npos && !host.empty() && access::sameIgnoringCase(origin.substr(scheme + 3), host);
 }
 
+// The page's own server, but for the port that a proxy has cut off, as nginx does by $host.
+std::string RequestFilter::hintOfPort(const Request& request) {
+  const std::size_t name = request.origin.find("://");
+  if (name == std::string_view::npos || access::hostName(request.host) != request.host ||
+      !access::sameIgnoringCase(access::hostName(request.origin.substr(name + 3)), request.host))
+    return {};
+  return " If it is this server's own page, the proxy in between must pass on the port in the header Host, as nginx does by "
+         "proxy_set_header Host $http_host.";
+}
+
 std::variant<access::Grant, Answer> RequestFilter::judge(const Request& request) const {
   const std::string_view path = request.path();
   const Needed need = needed(request.method, path);
@@ -149,7 +159,7 @@ std::variant<access::Grant, Answer> RequestFilter::judge(const Request& request)
                    "allow the name with --allowed-host.");
   if (!request.origin.empty() && need.right && !originMayAsk(request.origin, request.host))
     return refused(403, metrics::Refusal::kOrigin,
-                   "Pages of this origin may not use this server; its operator can allow them with --allow-origin.");
+                   "Pages of this origin may not use this server; its operator can allow them with --allow-origin." + hintOfPort(request));
   // A page's <img> or link sends no Origin.
   if (request.origin.empty() && request.fetchSite == "cross-site" && need.right)
     return refused(403, metrics::Refusal::kOrigin, "Pages of other sites may not start work here; open the address itself.");

@@ -54,6 +54,7 @@ class RequestFilter {
   std::variant<access::Grant, Answer> judge(const Request& request) const;
 
  private:
+  static std::string hintOfPort(const Request& request);
   bool originMayAsk(std::string_view origin, std::string_view host) const;
   Answer refusalOf(std::string_view token, const Error& why) const;
   void take(std::vector<access::Key> issuers);

@@ -13,19 +13,24 @@
 namespace ridgecast {
 namespace {
 
+using testing::AllOf;
 using testing::HasSubstr;
+using testing::Not;
 using testing::StartsWith;
 
 TEST_F(AccessTest, OnlyPagesThatMayConnect) {
   settings.allowedOrigins = {"https://friend.example"};
   start();
   const std::string port = std::to_string(server->port());
-  const auto from = [&](const std::string& origin, const std::string& host, const std::string& target = "/v1/stream") {
+  const auto answer = [&](const std::string& origin, const std::string& host, const std::string& target) {
     SocketClient client(server->port());
     client.send("GET " + target + " HTTP/1.1\r\nHost: " + host + "\r\nOrigin: " + origin +
                 "\r\nConnection: Upgrade\r\nUpgrade: websocket\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: "
                 "dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n");
-    return std::stoi(client.answer(false).substr(9, 3));
+    return client.answer(target != "/v1/stream");
+  };
+  const auto from = [&](const std::string& origin, const std::string& host, const std::string& target = "/v1/stream") {
+    return std::stoi(answer(origin, host, target).substr(9, 3));
   };
   EXPECT_EQ(from("http://127.0.0.1:" + port, "127.0.0.1:" + port), 101);
   EXPECT_EQ(from("http://localhost:" + port, "LOCALHOST:" + port), 101);
@@ -36,6 +41,12 @@ TEST_F(AccessTest, OnlyPagesThatMayConnect) {
   EXPECT_EQ(from("https://friend.example.foe.example", "127.0.0.1:" + port), 403);
   EXPECT_EQ(from("https://foe.example", "127.0.0.1:" + port, "/v1/sessions"), 403);
   EXPECT_EQ(refusals(metrics::Refusal::kOrigin), 5u);
+
+  const std::string hint = "proxy_set_header Host $http_host.\n";
+  EXPECT_THAT(answer("https://127.0.0.1:8443", "127.0.0.1", "/v1/sessions"), AllOf(StartsWith("HTTP/1.1 403"), HasSubstr(hint)));
+  EXPECT_THAT(answer("https://127.0.0.1:8443", "127.0.0.1:" + port, "/v1/sessions"), Not(HasSubstr(hint)))
+      << "another port of this machine";
+  EXPECT_THAT(answer("https://foe.example:8443", "127.0.0.1", "/v1/sessions"), Not(HasSubstr(hint)));
 }
 
 // An <img> of another site sends no Origin.
