@@ -160,7 +160,7 @@ void Server::claim(const std::string& session, Duration time) {
 }
 
 void Server::end(Program& program) {
-  if (!program.executor) return;
+  if (!program.alive) return;
   *program.alive = *program.isTimed = false;
   program.entering.clear();
   program.directory.reset();
@@ -255,6 +255,7 @@ void Server::cease() {
     for (const auto& session : now_.directory->all()) session->edits().end();
   now_.directory.reset();
   shared_->engine.end(*now_.bus);
+  now_.executor.reset(), now_.writer.reset();  // with what waits in them
   auto gone = std::make_shared<Program>(std::exchange(now_, {}));
   gone_.push_back(gone);
   timer_.at(timer_.now() + kCeasing, [this, weak = std::weak_ptr(gone)] {
@@ -323,15 +324,13 @@ void Server::settle() {
   if (isHeld_) return;
   work(now_);
   work(beside_);
-  for (const auto& gone : gone_) work(*gone);
 }
 
 void Server::work(Program& program) {
   if (!program.executor) return;
   *starves_ = timer_.now() < starvesUntil_;
   program.executor->work();
-  for (; (diskTime_ == Duration::zero() || !*program.alive) && program.writer->queued() > 0; program.executor->work())
-    program.writer->work();
+  for (; diskTime_ == Duration::zero() && program.writer->queued() > 0; program.executor->work()) program.writer->work();
   *starves_ = false;
   if (program.writer->queued() == 0 || std::exchange(program.isWriting, true)) return;
   timer_.at(timer_.now() + diskTime_, [this, alive = program.alive] {
